@@ -1,5 +1,5 @@
 //! ADS131M08: eight simultaneous 24-bit channels over SPI1. Channels 0 to 2 are the rates of the three gyros,
-//! 3 and 4 the accelerometers along axes 1 and 2.
+//! 3 to 5 the accelerometers along axes 1 to 3 (`params::ACCELEROMETERS`).
 //!
 //! # Design
 //! The data-ready edge is stamped by channel 4 of TIM2, whose interrupt starts a DMA transfer of one frame. The DMA's end wakes the rate
@@ -71,9 +71,9 @@ pub struct Adc {
     reset_since: u32,
 }
 
-/// A reset of the ADC ends at the first look after this, ticks of the timer: 1 ms. Less than 2048 of the ADC's clocks (0.25 ms) are only a SYNC (data
+/// A reset of the ADC ends at the first look after this, ticks of the timer: 2 ms. Less than 2048 of the ADC's clocks (1 ms) are only a SYNC (data
 /// sheet section 8.4.1).
-const RESET_TICKS: u32 = TIMER_HZ / 1000;
+const RESET_TICKS: u32 = TIMER_HZ / 500;
 
 /// Looks at the time (one each 10 ms) without a frame after which the ADC is reset.
 const QUIET_LOOKS: u8 = 20;
@@ -145,8 +145,8 @@ impl Adc {
         Self { dialogue: Dialogue::default(), wiring, quiet_looks: 0, reset_since: 0 }
     }
 
-    /// The frame that has come ([`FETCHED`]): channels 0 to 4 are three rates and two accelerometers; channels 5 to 7 temperature
-    /// sensors or inputs, where there are any.
+    /// The frame that has come ([`FETCHED`]): channels 0 to 5 are three rates and three accelerometers; where channels 5 to 7 are temperature
+    /// sensors or inputs, there are two.
     pub fn receive(&mut self) -> Received {
         fence(Ordering::SeqCst);
         self.quiet_looks = 0;

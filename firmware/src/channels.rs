@@ -8,10 +8,12 @@ use embassy_sync::signal::Signal;
 use hrg_core::align_mode::{Command, Report};
 use hrg_core::compensator::Output;
 use hrg_core::frequency::StepFrequencies;
+use hrg_core::increments::IncrementFrame;
 #[cfg(feature = "inputs")]
 use hrg_core::inputs::InputValues;
 use hrg_core::link::{Housekeeping, InputsUsed, Message};
 use hrg_core::maintenance;
+use hrg_core::output::OutputSettings;
 use hrg_core::pps;
 use hrg_core::rate_output::RateSecond;
 use hrg_core::rate_path::{PendingBias, RateFrame};
@@ -87,7 +89,7 @@ pub static LINK_ALIVE: Sign = Sign::NONE;
 /// Telemetry to watchdog: it has had a second.
 pub static TELEMETRY_ALIVE: Sign = Sign::NONE;
 /// Rate path to link: frames out. Dropped, and counted, when full.
-pub static FRAMES: Channel<Mutex, RateFrame, FRAME_QUEUE> = Channel::new();
+pub static FRAMES: Channel<Mutex, Fast, FRAME_QUEUE> = Channel::new();
 /// Rate path to telemetry: means of the second past, and frames dropped since start.
 pub static SECONDS: Channel<Mutex, RateSecond, 2> = Channel::new();
 /// Model to telemetry: a step, what came of it, and what the pulses per second have shown.
@@ -135,6 +137,16 @@ pub static MAINTAIN: Channel<Mutex, maintenance::Command, 2> = Channel::new();
 pub static MAINTENANCE_OPEN: Signal<Mutex, bool> = Signal::new();
 /// Link in to rate path: samples per frame.
 pub static DECIMATION: Signal<Mutex, u16> = Signal::new();
+/// Maintenance to rate path: what is sent.
+pub static OUTPUT: Signal<Mutex, OutputSettings> = Signal::new();
+/// Settings of the output now ([`OutputSettings::word`]), as the rate path has it.
+static SENT: AtomicU32 = AtomicU32::new(0);
+/// Link in to model: GNSS time of the last pulse, and when it came.
+#[cfg(feature = "pps")]
+pub static GNSS_TIME: Signal<Mutex, (hrg_core::gnss::GnssTime, u32)> = Signal::new();
+/// Model to link out: the last pulse in GNSS time.
+#[cfg(feature = "pps")]
+pub static TIME_MARK: Signal<Mutex, hrg_core::gnss::TimeMark> = Signal::new();
 /// Rate path to model: channels 5 to 7 of the ADC over a second.
 #[cfg(any(feature = "sensors", feature = "aux"))]
 pub static SENSORS: Signal<Mutex, hrg_core::sensors::Window> = Signal::new();
@@ -162,6 +174,34 @@ pub static TESTING: AtomicBool = AtomicBool::new(false);
 /// An alignment runs.
 #[cfg(feature = "self-test")]
 pub static ALIGNING: AtomicBool = AtomicBool::new(false);
+
+/// Settings of the output now.
+pub fn sent() -> OutputSettings {
+    OutputSettings::from_word(SENT.load(Ordering::Relaxed)).unwrap_or_default()
+}
+
+/// The rate path sends by these settings.
+pub fn sends(settings: OutputSettings) {
+    SENT.store(settings.word(), Ordering::Relaxed);
+}
+
+/// A message of the rate path.
+pub enum Fast {
+    /// A rate frame.
+    Rates(RateFrame),
+    /// Increments.
+    Increments(IncrementFrame),
+}
+
+impl Fast {
+    /// `true` if it is as it was made.
+    pub fn intact(&self) -> bool {
+        match self {
+            Self::Rates(frame) => frame.intact(),
+            Self::Increments(increments) => increments.intact(),
+        }
+    }
+}
 
 /// Flags of the unit that stand since they were found, after the start.
 static STANDING: AtomicU16 = AtomicU16::new(0);

@@ -4,46 +4,143 @@ use crate::capture::Clock;
 #[cfg(feature = "inputs")]
 use crate::channels::INPUTS;
 use crate::channels::{
-    ALIGN, ALIGNMENT, ANSWER, DECIMATION, ECHOED, FRAMES, HOUSEKEEPING, INPUTS_USED, LINK_ALIVE, LINK_ERRORS, MAINTAIN,
-    PROGRAMS, STOPPED,
+    self, Fast, ALIGN, ALIGNMENT, ANSWER, DECIMATION, ECHOED, FRAMES, HOUSEKEEPING, INPUTS_USED, LINK_ALIVE,
+    LINK_ERRORS, MAINTAIN, PROGRAMS, STOPPED,
 };
 use crate::maintain;
+#[cfg(feature = "mavlink")]
+use crate::params::TIMEBASE;
 use crate::receive::Receiver;
 use crate::stop::halt;
 use core::sync::atomic::Ordering;
-use embassy_futures::select::{select4, Either4};
+use embassy_futures::select::{select4, select5, Either4, Either5};
 use embassy_stm32::mode::Async;
 use embassy_stm32::usart::UartTx;
+#[cfg(feature = "mavlink")]
+use hrg_core::gnss::TimeMark;
 use hrg_core::link::{Deframer, Identity, Message};
 use hrg_core::maintenance::Command;
+#[cfg(feature = "mavlink")]
+use hrg_core::mavlink::{self, Encoder, Imu};
+#[cfg(feature = "mavlink")]
+use hrg_core::output::Framing;
 use hrg_core::reset::Halt;
 use hrg_core::stopped::Stopped;
 
-/// Sends: rates first, then answers, then housekeeping, then the alignment's report, the inputs that were used, word of a stop, and the programs.
+/// The next of what is sent seldom.
+async fn seldom() -> Message {
+    #[cfg(feature = "pps")]
+    let mark = channels::TIME_MARK.wait();
+    #[cfg(not(feature = "pps"))]
+    let mark = core::future::pending();
+    match select5(ALIGNMENT.wait(), INPUTS_USED.wait(), STOPPED.wait(), PROGRAMS.wait(), mark).await {
+        Either5::First(report) => Message::Alignment(report),
+        Either5::Second(used) => Message::InputsUsed(used),
+        Either5::Third(stopped) => Message::Stopped(stopped),
+        Either5::Fourth(programs) => Message::Programs(programs),
+        Either5::Fifth(mark) => Message::TimeMark(mark),
+    }
+}
+
+/// Appends a message of the rate path in the link's own framing.
+fn append(fast: &Fast, bytes: &mut heapless::Vec<u8, { hrg_fast::FAST }>) {
+    match fast {
+        Fast::Rates(frame) => hrg_fast::encode(frame, bytes),
+        Fast::Increments(increments) => hrg_fast::encode_increments(increments, bytes),
+    }
+}
+
+/// Sends: rates and increments first, then answers, housekeeping, the alignment's report, the inputs that were used, word of a stop, the programs, and the
+/// time.
 #[embassy_executor::task]
 pub async fn send(mut uart: UartTx<'static, Async>) {
+    #[cfg(feature = "mavlink")]
+    let mut mavlink = Mavlink::default();
     loop {
-        let others = select4(ALIGNMENT.wait(), INPUTS_USED.wait(), STOPPED.wait(), PROGRAMS.wait());
-        let message = match select4(FRAMES.receive(), ANSWER.wait(), HOUSEKEEPING.wait(), others).await {
-            Either4::First(frame) if !frame.intact() => {
+        let message = match select4(FRAMES.receive(), ANSWER.wait(), HOUSEKEEPING.wait(), seldom()).await {
+            Either4::First(fast) if !fast.intact() => {
                 defmt::error!("a frame has changed in memory");
                 halt(Halt::Corruption)
             }
-            Either4::First(frame) => {
-                let _ = uart.write(&hrg_fast::encode(&frame)).await;
+            Either4::First(fast) => {
+                #[cfg(feature = "mavlink")]
+                if channels::sent().framing == Framing::Mavlink {
+                    if let Some(packet) = mavlink.fast(&fast) {
+                        let _ = uart.write(&packet).await;
+                    }
+                    LINK_ALIVE.give();
+                    continue;
+                }
+                // (Increments that come with a rate frame go out with it: a transfer costs more than a frame.)
+                let mut bytes = heapless::Vec::new();
+                append(&fast, &mut bytes);
+                if let Ok(next) = FRAMES.try_receive() {
+                    if !next.intact() {
+                        halt(Halt::Corruption)
+                    }
+                    append(&next, &mut bytes);
+                }
+                let _ = uart.write(&bytes).await;
                 LINK_ALIVE.give();
                 continue;
             }
             Either4::Second(answer) => answer,
             Either4::Third(housekeeping) => Message::Housekeeping(housekeeping),
-            Either4::Fourth(Either4::First(report)) => Message::Alignment(report),
-            Either4::Fourth(Either4::Second(used)) => Message::InputsUsed(used),
-            Either4::Fourth(Either4::Third(stopped)) => Message::Stopped(stopped),
-            Either4::Fourth(Either4::Fourth(programs)) => Message::Programs(programs),
+            Either4::Fourth(message) => message,
         };
+        #[cfg(feature = "mavlink")]
+        if channels::sent().framing == Framing::Mavlink {
+            if let Some(packet) = mavlink.seldom(&message) {
+                let _ = uart.write(&packet).await;
+                LINK_ALIVE.give();
+                continue;
+            }
+            // (A zero before it: what stands in MAVLink's packets is none of its bytes.)
+            let _ = uart.write(&[0]).await;
+        }
         // A transmit error would be one of the DMA's set-up; there is nobody to tell but the next frame.
         let _ = uart.write(&message.encode()).await;
         LINK_ALIVE.give();
+    }
+}
+
+/// Packets in MAVLink's framing ([`hrg_core::mavlink`]).
+#[cfg(feature = "mavlink")]
+#[derive(Default)]
+struct Mavlink {
+    encoder: Encoder,
+    mark: Option<TimeMark>,
+    correction: f64,
+    temperature_c: Option<f32>,
+}
+
+#[cfg(feature = "mavlink")]
+impl Mavlink {
+    /// The packet of rates, where no increments are sent, or of increments.
+    fn fast(&mut self, fast: &Fast) -> Option<heapless::Vec<u8, { mavlink::LONGEST }>> {
+        let (tick, rate_rads, force_mps2) = match fast {
+            Fast::Rates(_) if channels::sent().increments > 0 => return None,
+            Fast::Rates(frame) => (frame.tick, mavlink::of_rates(frame), None),
+            Fast::Increments(increments) => mavlink::of_increments(increments, TIMEBASE),
+        };
+        let time_us = self.encoder.time_us(tick, TIMEBASE, self.mark.as_ref(), self.correction);
+        Some(self.encoder.imu(&Imu { time_us, rate_rads, force_mps2, temperature_c: self.temperature_c }))
+    }
+
+    /// A heartbeat in the place of housekeeping; the time is kept. `None`: it goes out in the unit's own framing, as it was asked for.
+    fn seldom(&mut self, message: &Message) -> Option<heapless::Vec<u8, { mavlink::LONGEST }>> {
+        match message {
+            Message::Housekeeping(h) => {
+                self.correction = 1e-9 * f64::from(h.clock_ppb);
+                self.temperature_c = h.temperature_c.first().copied().filter(|t| t.is_finite());
+                Some(self.encoder.heartbeat(h.unit_status.is_empty()))
+            }
+            Message::TimeMark(mark) => {
+                self.mark = Some(*mark);
+                Some(heapless::Vec::new())
+            }
+            _ => None,
+        }
     }
 }
 
@@ -63,7 +160,7 @@ pub async fn receive(mut receiver: Receiver, identity: Identity, stopped: Stoppe
             match deframer.push_command(byte) {
                 None => {}
                 Some(Ok(Message::Identify)) => {
-                    ANSWER.signal(Message::Identity(identity));
+                    ANSWER.signal(Message::Identity(identity.with_output(channels::sent())));
                     token = Clock.now() | 1;
                     PROGRAMS.signal(maintain::programs(token));
                     if stopped.says_something() {
@@ -73,6 +170,8 @@ pub async fn receive(mut receiver: Receiver, identity: Identity, stopped: Stoppe
                 Some(Ok(Message::SetDecimation(decimation))) => DECIMATION.signal(decimation),
                 // A host that sends commands faster than one a quarter second loses some, and sees it in the reports.
                 Some(Ok(Message::Align(command))) => drop(ALIGN.try_send(command)),
+                #[cfg(feature = "pps")]
+                Some(Ok(Message::GnssTime(time))) => channels::GNSS_TIME.signal((time, Clock.now())),
                 // The queue takes what the line can carry.
                 #[cfg(feature = "inputs")]
                 Some(Ok(Message::Inputs(values))) => {

@@ -70,9 +70,11 @@ use hrg_core::events::{self, Record, Store as _};
 use hrg_core::link::Identity;
 use hrg_core::maintenance::Maintenance;
 use hrg_core::option_bytes::{self, Difference};
+#[cfg(feature = "field-log")]
+use hrg_core::output;
+#[cfg(not(feature = "field-log"))]
+use hrg_core::output::OutputSettings;
 use hrg_core::parts::Parts;
-use hrg_core::rate_output::RateOutput;
-use hrg_core::rate_path::{self, RatePath};
 use hrg_core::reset::ResetCause;
 use hrg_core::sectors;
 use hrg_core::status::UnitStatus;
@@ -173,6 +175,17 @@ fn set_zero(models: &mut [&'static mut Compensator; CHANNELS], sectors: &maintai
     if let Some(zero) = zero::newest(events::records(sectors.log()), checksum) {
         models.iter_mut().for_each(|m| m.set_zero(zero));
     }
+}
+
+/// Settings that rates begin with; they are sent as it was set last.
+#[cfg_attr(not(feature = "field-log"), allow(unused_variables))]
+#[inline(never)]
+fn rates(sectors: &maintain::Sectors, calibration: &Calibration, status: UnitStatus) -> rate::Start {
+    #[cfg(feature = "field-log")]
+    let sent = output::newest(events::records(sectors.log())).unwrap_or_default();
+    #[cfg(not(feature = "field-log"))]
+    let sent = OutputSettings::default();
+    rate::Start { sent, scale_dph: calibration.scale_factors_dph_per_code(), status }
 }
 
 /// Maintenance mode of this build.
@@ -278,6 +291,7 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
         reset_cause: board.reset_cause,
         resets: resets.min(0xFFFF) as u16,
         option_bytes: embassy_stm32::pac::FLASH.optcr().read().0,
+        ..Identity::default()
     };
     defmt::info!(
         "hrg firmware {=str}: unit {=str}, calibration {=u32:08x} no. {=u32}, status {=u16:02x}, start after {=str}, {=u32} resets",
@@ -298,8 +312,7 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     #[cfg(not(feature = "self-test"))]
     let test = None;
     record(&mut board, compensators[0].on_for_s() as u32, &stopped, [Some(start), test, cut_short]);
-    let path = RatePath::new(params::TIMEBASE, calibration.scale_factors_dph_per_code(), rate_path::DECIMATION);
-    let output = RateOutput::new(path, status);
+    let rates = rates(&board.sectors, &calibration, status);
     static ALIGNMENT: ConstStaticCell<telemetry::Alignment> = ConstStaticCell::new(telemetry::Alignment::IDLE);
     let alignment = once(ALIGNMENT.try_take());
     AlignMode::set_accelerometers(alignment, calibration.accelerometers);
@@ -317,7 +330,7 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     // Peripheral interrupts stay at the top; the rate path comes next, then model and link, threads last.
     interrupt::UART4.set_priority(Priority::P8);
     let model_spawner = MODEL_EXECUTOR.start(interrupt::UART4);
-    rate::start(board.adc, output);
+    rate::start(board.adc, &rates);
     spawned(model::task(board.rings, board.clock, model_start, compensators), |t| model_spawner.spawn(t));
     spawned(link::send(board.link_out), |t| model_spawner.spawn(t));
     spawned(link::receive(board.link_in, identity, stopped), |t| model_spawner.spawn(t));

@@ -7,7 +7,7 @@
 
 use crate::channels::{ANSWER, ECHOED, MAINTAIN, MAINTENANCE_OPEN, MOVING, ON_TRIAL, RATES};
 #[cfg(feature = "field-log")]
-use crate::channels::{EVENTS, ON_FOR_S, ZERO};
+use crate::channels::{EVENTS, ON_FOR_S, OUTPUT, ZERO};
 use crate::clock;
 use crate::params;
 use crate::watchdog::Patience;
@@ -319,6 +319,25 @@ fn carry_out(maintenance: &mut Maintenance, command: &Command, sectors: &mut Sec
     reply
 }
 
+/// Settings that the field log keeps, and that hold from now on.
+#[cfg(feature = "field-log")]
+fn keep(command: &Command, calibration: u32, sectors: &mut Sectors, journal: &mut Journal) {
+    let on_for_s = ON_FOR_S.load(Ordering::Relaxed);
+    match command {
+        Command::Zero(zero) => {
+            for record in hrg_core::zero::records(zero, calibration, on_for_s) {
+                journal.write(sectors, record);
+            }
+            ZERO.signal(*zero);
+        }
+        Command::Output(settings) => {
+            journal.write(sectors, Record { on_for_s, event: Event::Output { settings: settings.word() } });
+            OUTPUT.signal(*settings);
+        }
+        _ => {}
+    }
+}
+
 /// See the module.
 #[embassy_executor::task]
 pub async fn task(
@@ -391,12 +410,7 @@ pub async fn task(
                 let event = Event::Burn { answer: answer as u8, calibration: value };
                 let _ = EVENTS.try_send((ON_FOR_S.load(Ordering::Relaxed), event));
             }
-            (Command::Zero(zero), Reply::Answer(Answer::Done, _)) => {
-                for record in hrg_core::zero::records(&zero, calibration, ON_FOR_S.load(Ordering::Relaxed)) {
-                    journal.write(&mut sectors, record);
-                }
-                ZERO.signal(zero);
-            }
+            (command, Reply::Answer(Answer::Done, _)) => keep(&command, calibration, &mut sectors, &mut journal),
             _ => {}
         }
         ANSWER.signal(Message::Maintained(reply));

@@ -12,6 +12,8 @@ use crate::retained;
 use crate::stop::halt;
 use embassy_time::Ticker;
 use hrg_core::frequency::{Config, CounterBank, GATES_PER_STEP};
+#[cfg(feature = "pps")]
+use hrg_core::gnss::GnssClock;
 #[cfg(feature = "inputs")]
 use hrg_core::link::InputsUsed;
 #[cfg(feature = "pps")]
@@ -35,6 +37,18 @@ pub struct Start {
     pub correction: f64,
 }
 
+/// A pulse, and the time that a host says it was of.
+#[cfg(feature = "pps")]
+fn take_pulse(pps: &mut Pps, gnss: &mut GnssClock) {
+    if let Some(pulse) = PULSE.try_take() {
+        pps.pulse(pulse);
+        gnss.pulse(pulse);
+    }
+    if let Some((time, at)) = channels::GNSS_TIME.try_take() {
+        gnss.set(time, at);
+    }
+}
+
 /// See the module.
 #[embassy_executor::task]
 pub async fn task(
@@ -46,6 +60,8 @@ pub async fn task(
     let mut bank = CounterBank::new(Config::at(TIMEBASE), GATES_PER_STEP);
     #[cfg(feature = "pps")]
     let mut pps = Pps::new(TIMEBASE).with_correction(start.correction);
+    #[cfg(feature = "pps")]
+    let mut gnss = GnssClock::new(TIMEBASE);
     #[cfg(feature = "inputs")]
     let mut inputs = hrg_core::inputs::InputBank::default();
     let mut ticker = Ticker::every(FETCH_PERIOD);
@@ -57,9 +73,7 @@ pub async fn task(
             rings.fetch(k, |stamps| hrg_fast::push(&mut bank, k, stamps));
         }
         #[cfg(feature = "pps")]
-        if let Some(pulse) = PULSE.try_take() {
-            pps.pulse(pulse);
-        }
+        take_pulse(&mut pps, &mut gnss);
         #[cfg(feature = "inputs")]
         while let Ok(values) = channels::INPUTS.try_receive() {
             inputs.receive(&values);
@@ -70,6 +84,10 @@ pub async fn task(
         let Some(step) = bank.poll(now) else { continue };
         #[cfg(feature = "pps")]
         let (step, report) = pps.second(step);
+        #[cfg(feature = "pps")]
+        if let Some(mark) = gnss.mark(now, pps.correction()) {
+            channels::TIME_MARK.signal(mark);
+        }
         #[cfg(not(feature = "pps"))]
         let report = Report::NONE;
         #[cfg(feature = "sensors")]

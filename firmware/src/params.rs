@@ -39,8 +39,11 @@ pub const LINK_BAUD: u32 = 921_600;
 /// Bytes of the link's receive ring: 5 ms at line rate.
 pub const LINK_RING: usize = 512;
 
-/// Rate frames that may wait for the link: 40 ms at 200 Hz.
+/// Rate frames and increments that may wait for the link: 20 ms where both come at 200 Hz.
 pub const FRAME_QUEUE: usize = 8;
+
+/// Accelerometers: at channels 3 to 5 of the ADC, or at 3 and 4 where channels 5 to 7 are other things.
+pub const ACCELEROMETERS: u8 = if cfg!(any(feature = "aux", feature = "sensors")) { 2 } else { 3 };
 
 /// The temperature sensors of a unit that has no resonators: feature `sensors`.
 #[cfg(feature = "sensors")]

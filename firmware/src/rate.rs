@@ -8,18 +8,22 @@
 use crate::adc::{self, Adc};
 #[cfg(any(feature = "sensors", feature = "aux"))]
 use crate::channels::SENSORS;
-use crate::channels::{self, BIAS, DECIMATION, FETCHED, FRAMES, LOOK, RATES_RUN, RATE_ALIVE, SECONDS};
+use crate::channels::{self, Fast, BIAS, DECIMATION, FETCHED, FRAMES, LOOK, OUTPUT, RATES_RUN, RATE_ALIVE, SECONDS};
+use crate::params::{ACCELEROMETERS, TIMEBASE};
 use crate::stop::{halt, once};
 use core::sync::atomic::{AtomicPtr, Ordering};
 use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
+use hrg_core::output::OutputSettings;
 use hrg_core::rate_output::{Corruption, RateOutput, RateSecond};
-use hrg_core::rate_path::RateFrame;
+use hrg_core::rate_path::{RateFrame, RatePath};
 use hrg_core::reset::Halt;
+use hrg_core::status::UnitStatus;
+use hrg_core::AXES;
 use static_cell::StaticCell;
 
 fn send(frame: RateFrame) -> bool {
-    FRAMES.try_send(frame).is_ok()
+    FRAMES.try_send(Fast::Rates(frame)).is_ok()
 }
 
 /// Work of the rate path, with the moment that it is of.
@@ -49,14 +53,30 @@ pub struct Rates {
 /// The state, for the interrupt and for nobody else.
 static STATE: AtomicPtr<Rates> = AtomicPtr::new(core::ptr::null_mut());
 
+/// Settings that rates begin with.
+pub struct Start {
+    /// Of the output.
+    pub sent: OutputSettings,
+    /// Scale factors, deg/h per code.
+    pub scale_dph: [f32; AXES],
+    /// Flags that the start has found.
+    pub status: UnitStatus,
+}
+
 /// Begins: hands the state to the interrupt, and fetches from the next data-ready edge on.
-pub fn start(adc: Adc, output: RateOutput) {
+// (Out of line, and the state is made here: it is large, and what the start needs of the stack must not have it beside it.)
+#[inline(never)]
+pub fn start(adc: Adc, start: &Start) {
     static PLACE: StaticCell<Rates> = StaticCell::new();
+    channels::sends(start.sent);
     let state = once(PLACE.try_init_with(|| Rates {
         adc,
-        output,
+        output: RateOutput::new(
+            RatePath::new(TIMEBASE, start.scale_dph, start.sent.decimation).with_output(start.sent, ACCELEROMETERS),
+            start.status,
+        ),
         #[cfg(any(feature = "sensors", feature = "aux"))]
-        sensors: hrg_core::sensors::SensorBank::new(crate::params::TIMEBASE),
+        sensors: hrg_core::sensors::SensorBank::new(TIMEBASE),
     }));
     STATE.store(state, Ordering::Release);
     interrupt::UART5.set_priority(Priority::P6);
@@ -106,6 +126,10 @@ impl Rates {
             }
             Work::Look(now) => self.look(now),
         };
+        if let Some(increments) = self.output.increments() {
+            // (A link that takes none loses it: the next message's sample number tells.)
+            let _ = FRAMES.try_send(Fast::Increments(increments));
+        }
         adc::mark_next(self.output.ends_next());
         #[cfg(feature = "bring-up")]
         crate::bring_up::rate_task_ran();
@@ -136,6 +160,10 @@ impl Rates {
         if let Some(decimation) = DECIMATION.try_take() {
             self.output.set_decimation(decimation);
         }
+        if let Some(settings) = OUTPUT.try_take() {
+            self.output.set_output(settings);
+        }
+        channels::sends(self.output.output());
         self.output.set_standing(channels::standing());
         self.output.look(now, send)
     }

@@ -10,17 +10,18 @@ pub type Compensator = Model<hrg_core::history::History>;
 #[cfg(not(feature = "past"))]
 pub type Compensator = Model<hrg_core::history::Settling>;
 
-/// Models that run: two in separate memory with `lockstep`, so that a bit that flips in one of them shows.
-pub const CHANNELS: usize = if cfg!(feature = "lockstep") { 2 } else { 1 };
+/// Models that run: two in separate memory with `lockstep`, so that a bit that flips in one of them shows. (The bring-up program is never flown, and needs the
+/// memory.)
+pub const CHANNELS: usize = if cfg!(all(feature = "lockstep", not(feature = "bring-up"))) { 2 } else { 1 };
 
 /// One step of the models; `None` if they differ.
-#[cfg(feature = "lockstep")]
+#[cfg(all(feature = "lockstep", not(feature = "bring-up")))]
 pub fn update([first, second]: &mut [&'static mut Compensator; CHANNELS], step: &StepFrequencies) -> Option<Output> {
     hrg_core::compensator::update_both([first, second], step)
 }
 
 /// One step of the model.
-#[cfg(not(feature = "lockstep"))]
+#[cfg(not(all(feature = "lockstep", not(feature = "bring-up"))))]
 pub fn update([model]: &mut [&'static mut Compensator; CHANNELS], step: &StepFrequencies) -> Option<Output> {
     Some(model.update(step))
 }

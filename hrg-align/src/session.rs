@@ -25,7 +25,7 @@ use hrg_core::rate_path::Summary;
 use hrg_core::AXES;
 
 /// Scale of the accelerometer channels, m/s^2 per code: 2 g at the end of 24 bits.
-pub const ACCELEROMETER_SCALE: f64 = 2.0 * 9.806_65 / 8_388_608.0;
+pub const ACCELEROMETER_SCALE: f64 = hrg_core::accelerometers::MPS2_PER_CODE;
 /// Time of one sample, s.
 const SAMPLE_S: f64 = 1e-3;
 /// Share of a second's samples that may be missing.

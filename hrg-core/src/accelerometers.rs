@@ -15,6 +15,9 @@
 
 use crate::schema::layout;
 
+/// Acceleration of one code of the ADC, m/s^2: two g at the end of 24 bits.
+pub const MPS2_PER_CODE: f64 = 2.0 * 9.806_65 / 8_388_608.0;
+
 /// Scale and cross-axis beyond these are no accelerometer's, but a wrong column.
 pub const ODDEST: f32 = 0.2;
 /// Biases beyond this are no accelerometer's, m/s^2.

@@ -6,8 +6,9 @@
 //!
 //! # The dialogue
 //! The ADC forgets its settings where its supply fails. So [`Dialogue`] writes all of them ([`SETTINGS`]), reads them back, and only then
-//! takes samples; while it takes them it reads one setting back every [`READ_EVERY`] frames. A flag of a reset or a setting that has changed
-//! begins the set-up anew. After [`BAD_IN_A_ROW`] frames with a wrong checksum the bus itself may be out of step: bus and ADC are reset. So
+//! takes samples. While it takes them the ADC itself watches its registers: it makes a checksum of them all the time, and a change stands in the
+//! status that comes with the next frame. (A setting may so be wrong in one sample.) Should that watch have stopped, one setting is read back every
+//! [`READ_EVERY`] frames. A flag of a reset or a setting that has changed begins the set-up anew. After [`BAD_IN_A_ROW`] frames with a wrong checksum the bus itself may be out of step: bus and ADC are reset. So
 //! they are after [`SET_UPS_TRIED`] set-ups that were read back wrongly: frames may be valid and old, where the bus no longer fills them.
 //!
 //! # Test
@@ -38,6 +39,8 @@ pub const FRAME: usize = 30;
 pub const WORDS: usize = FRAME.div_ceil(4);
 /// Status bit: the ADC has been reset and has lost its settings.
 const STATUS_RESET: u16 = 1 << 10;
+/// Status bit: the checksum that the ADC makes of its own registers has changed (section 8.5, register map CRC). Reading the status clears it.
+const STATUS_MAP: u16 = 1 << 13;
 
 /// Channels of the ADC.
 pub const ALL_CHANNELS: usize = 8;
@@ -50,8 +53,9 @@ const CONNECTED: u16 = 1 << 2;
 /// Registers that the unit sets, each with its value: address, value (section 8.6). All that have a say in a code are among them.
 pub const SETTINGS: [(u8, u16); 7 + 5 * ALL_CHANNELS] = {
     let mut all = [(0, 0); 7 + 5 * ALL_CHANNELS];
-    // CLOCK: all channels on, oversampling 4096 (1 kSPS at 8.192 MHz), high resolution.
-    all[0] = (0x03, 0xFF00 | 0b101 << 2 | 0b10);
+    // CLOCK: all channels on, oversampling 1024 (1 kSPS at 2.048 MHz), high resolution. (With more than 1024 a mean stands behind the sinc3, and what
+    // folds back round 1 kHz is 26 dB down, not 72.)
+    all[0] = (0x03, 0xFF00 | 0b011 << 2 | 0b10);
     // GAIN1, GAIN2: 1.
     (all[1], all[2]) = ((0x04, 0), (0x05, 0));
     // CFG: global chop off, its delay as after a reset; current detection off.
@@ -67,8 +71,8 @@ pub const SETTINGS: [(u8, u16); 7 + 5 * ALL_CHANNELS] = {
         (all[at + 3], all[at + 4]) = ((base + 3, 0x8000), (base + 4, 0));
         k += 1;
     }
-    // MODE: 24-bit words, time-out on; clears the flag of a reset. It comes last.
-    all[6 + 5 * ALL_CHANNELS] = (0x02, 0x0110);
+    // MODE: the ADC watches its own registers; 24-bit words, time-out on; clears the flag of a reset. It comes last.
+    all[6 + 5 * ALL_CHANNELS] = (0x02, 0x2110);
     all
 };
 
@@ -127,11 +131,13 @@ impl Command {
         }
     }
 
-    /// Fault that the ADC's answer to this command shows; `None`: the answer is as it must be.
+    /// Fault that the ADC's answer to this command shows; `None`: the answer is as it must be. `written`: the unit has written to the
+    /// registers since it last had the status.
     #[inline]
-    const fn wrong(self, answer: u16) -> Option<Fault> {
+    const fn wrong(self, answer: u16, written: bool) -> Option<Fault> {
         match self {
             Self::Null if answer & STATUS_RESET != 0 => Some(Fault::Reset),
+            Self::Null if answer & STATUS_MAP != 0 && !written => Some(Fault::Setting),
             Self::Read(k) if answer != SETTINGS[k as usize % SETTINGS.len()].1 => Some(Fault::Setting),
             _ => None,
         }
@@ -180,8 +186,9 @@ impl Received {
     }
 }
 
-/// Commands of the set-up: all settings written, then read back, then what the last answers need to come.
-const SET_UP: u8 = 2 * SETTINGS.len() as u8 + 2;
+/// Commands of the set-up: all settings written, then read back, then what the last answers need to come, the first status among them: it
+/// tells of the unit's own writes.
+const SET_UP: u8 = 2 * SETTINGS.len() as u8 + 3;
 
 /// See the module.
 #[derive(Debug, Clone)]
@@ -296,7 +303,7 @@ impl Dialogue {
     fn valid(&mut self, answer: u16) -> Result<(), Fault> {
         self.bad_in_a_row = 0;
         let setting_up = self.set_up < SET_UP;
-        if let Some(fault) = self.before.wrong(answer) {
+        if let Some(fault) = self.before.wrong(answer, setting_up || self.course.is_some()) {
             // (The flag of a reset stands until MODE is written.)
             if !setting_up || fault == Fault::Setting {
                 self.set_up = 0;
@@ -456,6 +463,8 @@ mod tests {
     /// An ADC that does what the data sheet says: registers, and the answer to the command of the frame before.
     struct Adc {
         registers: [u16; 64],
+        /// The registers as its checksum was last made of them.
+        summed: [u16; 64],
         answer: u16,
         codes: [i32; 8],
         noise: i32,
@@ -466,7 +475,7 @@ mod tests {
         fn new() -> Self {
             let mut registers = [0; 64];
             (registers[1], registers[2], registers[3], registers[6]) = (0x0500, 0x0510, 0xFF0E, 0x0600);
-            Self { registers, answer: 0xFF28, codes: [5; 8], noise: 0, invalid: false }
+            Self { registers, summed: registers, answer: 0xFF28, codes: [5; 8], noise: 0, invalid: false }
         }
 
         fn exchange(&mut self, [command, value]: [u16; 2]) -> [u32; WORDS] {
@@ -477,6 +486,10 @@ mod tests {
             };
             let mut out = frame(self.answer, core::array::from_fn(at));
             let address = usize::from(command >> 7 & 63);
+            if self.registers[2] & 1 << 13 != 0 && self.registers[2..] != self.summed[2..] {
+                self.registers[1] |= STATUS_MAP;
+            }
+            self.summed = self.registers;
             self.answer = match command >> 13 {
                 0b011 => {
                     self.registers[address] = value;
@@ -486,7 +499,11 @@ mod tests {
                     0x4000 | command & 0x1FFF
                 }
                 0b101 => self.registers[address],
-                _ => self.registers[1],
+                _ => {
+                    let status = self.registers[1];
+                    self.registers[1] &= !STATUS_MAP;
+                    status
+                }
             };
             if self.invalid {
                 out[7] ^= 1;
@@ -534,10 +551,17 @@ mod tests {
 
     #[test]
     fn a_setting_that_changes_is_noticed_and_written_again() {
-        for (k, (address, value)) in SETTINGS.into_iter().enumerate() {
+        // With the ADC's own watch, and without.
+        for (k, (watched, (address, value))) in
+            [true, false].into_iter().flat_map(|w| SETTINGS.map(|s| (w, s))).enumerate()
+        {
             let (mut d, mut adc, mut command) = ready();
             adc.registers[usize::from(address)] = value ^ 4;
-            let within = usize::from(READ_EVERY) * SETTINGS.len() + 3;
+            let mut within = 3;
+            if !watched {
+                adc.summed = adc.registers;
+                within += usize::from(READ_EVERY) * SETTINGS.len();
+            }
             let noticed =
                 (0..within).any(|_| talk(&mut d, &mut adc, &mut command, 1).sample() == Some(Err(Fault::Setting)));
             assert!(noticed, "setting {k}");

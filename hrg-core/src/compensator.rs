@@ -23,6 +23,7 @@ use crate::history::{self, Head, History, Kept, Past};
 use crate::inputs::{self, Held, Quantities, QuantitySet, Seen};
 use crate::rate_factors::Factors;
 use crate::rate_of_change::WINDOW;
+use crate::specific_force::SpecificForce;
 use crate::status::AxisStatus;
 use crate::thermal::{AxisThermal, Thermal, Thermometer};
 use crate::visited::Ranges;
@@ -47,6 +48,8 @@ pub struct Output {
     pub bias_std_dph: [f32; AXES],
     /// Factors of the rates once the bias is off.
     pub factors: Factors,
+    /// Errors of the accelerometers.
+    pub specific_force: SpecificForce,
     /// Status bits ([`AxisStatus`]).
     pub status: [AxisStatus; AXES],
     /// Time since power-on at the end of the step, over restarts, s.
@@ -63,6 +66,7 @@ impl Output {
             && equal(&self.temperature_c, &other.temperature_c)
             && equal(&self.ramp_c_per_min, &other.ramp_c_per_min)
             && self.factors.same(&other.factors)
+            && self.specific_force.same(&other.specific_force)
             && self.status == other.status
             && self.on_for_s.to_bits() == other.on_for_s.to_bits()
     }
@@ -106,6 +110,9 @@ pub struct Model<P> {
     scale: [f32; AXES],
     coupling: [[f32; 2]; AXES],
     factor_status: [AxisStatus; AXES],
+    /// Errors of the accelerometers at the last step that had a temperature: bias, scale, misalignments.
+    force: [(f32, f32, [f32; 2]); AXES],
+    force_outside: [bool; AXES],
 }
 
 impl<P: Past> Model<P> {
@@ -143,6 +150,8 @@ impl<P: Past> Model<P> {
             scale: [1.0; AXES],
             coupling: [[0.0; 2]; AXES],
             factor_status: [AxisStatus::empty(); AXES],
+            force: [(0.0, 1.0, [0.0; 2]); AXES],
+            force_outside: [false; AXES],
         }
     }
 
@@ -230,6 +239,7 @@ impl<P: Past> Model<P> {
             bias_dph,
             bias_std_dph: [f32::NAN; AXES],
             factors: Factors::UNIT,
+            specific_force: SpecificForce::NONE,
             on_for_s: thermal.time_s,
             status: [if self.calibration.calibrated { AxisStatus::empty() } else { AxisStatus::UNCALIBRATED }; AXES],
         };
@@ -263,6 +273,11 @@ impl<P: Past> Model<P> {
             if let Some(rates) = self.calibration.rates.as_ref().filter(|_| now.age == 0 && now.known) {
                 (self.scale[k], self.coupling[k], self.factor_status[k]) = rates[k].at(scaling, &now.state);
             }
+            if let Some(all) = self.calibration.specific_force.as_ref().filter(|_| now.age == 0 && now.known) {
+                let (bias, scale, coupling, status) = all[k].at(scaling, &now.state);
+                self.force[k] = (bias, scale, coupling);
+                self.force_outside[k] = !status.is_empty();
+            }
             output.status[k] |= self.factor_status[k];
             if unknown.axes[k] {
                 output.status[k] |= AxisStatus::HISTORY_UNKNOWN;
@@ -276,6 +291,13 @@ impl<P: Past> Model<P> {
                 if of_zero > 0.0 { libm::sqrtf(of_model * of_model + of_zero * of_zero) } else { of_model };
         }
         output.factors = Factors::new(self.scale, self.coupling);
+        if self.calibration.specific_force.is_some() {
+            output.specific_force = SpecificForce {
+                bias_mps2: self.force.map(|f| f.0),
+                factors: Factors::new(self.force.map(|f| f.1), self.force.map(|f| f.2)),
+                outside: self.force_outside,
+            };
+        }
         let untrusted = output.status.map(|s| s.intersects(AxisStatus::UNTRUSTED_TEMPERATURE));
         for (k, (status, looks)) in output.status.iter_mut().zip(self.looks_at_neighbours).enumerate() {
             if looks && untrusted.iter().enumerate().any(|(j, untrusted)| j != k && *untrusted) {

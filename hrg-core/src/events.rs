@@ -7,8 +7,8 @@
 //! # When the sector is erased
 //! An erase takes up to 0.5 s (STM32F446 data sheet, table 47), in which the processor stands still. So it is done only at power-on, before the
 //! first rate, when less than a quarter of the sector is free. In flight a full log takes no more: what is lost is counted. The newest
-//! [`CARRIED`] records are carried over in memory, and the constants that were renewed last are put beside the calibration images first
-//! ([`crate::sectors::keep`]): a power cut in that half second loses the older events, and no constants.
+//! [`CARRIED`] records are carried over in memory, and the constants that were renewed last and what is sent ([`crate::output`]) are put beside the calibration
+//! images first ([`crate::sectors::keep`]): a power cut in that half second loses the older events, and no setting.
 //!
 //! # Why not `sequential-storage`
 //! That crate erases when the next record needs it, and takes an asynchronous flash. Here the moment of the erase is what matters.
@@ -27,6 +27,7 @@
 //! ```
 
 use crate::bytes;
+use crate::output::OutputSettings;
 use crate::reset::{Halt, ResetCause};
 use crate::sectors;
 use crate::status::{AxisStatus, UnitStatus};
@@ -140,6 +141,11 @@ pub enum Event {
         /// Its sum.
         sum: u32,
     },
+    /// The output was set ([`crate::output::OutputSettings::word`]).
+    Output {
+        /// The settings in a word.
+        settings: u32,
+    },
     /// A word of what the stop before the last start has left ([`crate::stopped`]).
     Stopped(Piece),
     /// The log is full: from here on only starts and burns are written, as long as the places reserved for them last (1), or nothing is (0).
@@ -187,6 +193,7 @@ mod kind {
     pub const TEST: u8 = 10;
     pub const STOPPED: u8 = 11;
     pub const PROGRAM: u8 = 12;
+    pub const OUTPUT: u8 = 13;
 }
 
 /// A record as it lies in flash: kind, a small number, a number of 16 bits, two words, checksum (CRC-32 of what is before it).
@@ -228,6 +235,7 @@ impl Record {
             }
             Event::Stopped(Piece { number, value }) => laid_out(kind::STOPPED, number, 0, [t, value]),
             Event::Program { slot, state, sum } => laid_out(kind::PROGRAM, slot, state.into(), [t, sum]),
+            Event::Output { settings } => laid_out(kind::OUTPUT, 0, 0, [t, settings]),
             Event::Lost { count } => laid_out(kind::LOST, 0, count, [t, 0]),
         }
     }
@@ -254,6 +262,7 @@ impl Record {
             kind::TEST => Event::Test { at_start: value != 0, failed: small, first: middle.to_le_bytes() },
             kind::STOPPED => Event::Stopped(Piece { number: small, value }),
             kind::PROGRAM => Event::Program { slot: small, state: middle.to_le_bytes()[0], sum: value },
+            kind::OUTPUT => Event::Output { settings: value },
             kind::LOST => Event::Lost { count: middle },
             _ => return None,
         };
@@ -293,6 +302,28 @@ pub fn last_stop(records: impl Iterator<Item = Record>) -> Option<Stopped> {
     last
 }
 
+/// Settings of a log that must never be lost: the constants that were renewed last, and the output. `None`: neither was ever set.
+#[inline(never)]
+fn settings_of(log: &mut dyn Iterator<Item = Record>) -> Option<[Record; sectors::KEPT_RECORDS]> {
+    let (mut zero, mut output) = (zero::NewestSet::default(), None);
+    for record in log {
+        zero.take(record);
+        if matches!(record.event, Event::Output { .. }) {
+            output = Some(record);
+        }
+    }
+    let zero = zero.found();
+    if zero.is_none() && output.is_none() {
+        return None;
+    }
+    // (Constants of an image that there is not are none.)
+    let none = Record { on_for_s: 0, event: Event::ZeroOf { calibration: 0, made_unix_s: 0 } };
+    let of = |axis| Record { on_for_s: 0, event: Event::Zero { axis, std: 0, constant: 0 } };
+    let [a, b, c, d] = zero.unwrap_or([none, of(0), of(1), of(2)]);
+    let usual = Event::Output { settings: OutputSettings::default().word() };
+    Some([a, b, c, d, output.unwrap_or(Record { on_for_s: 0, event: usual })])
+}
+
 /// Writes the log.
 #[derive(Debug, Clone)]
 pub struct Journal {
@@ -322,28 +353,28 @@ impl Journal {
     /// Begins the log anew. `before`: the number of the one that is there.
     #[inline(never)]
     fn begin(&mut self, store: &mut (impl Store + sectors::Store), before: Option<u32>, erase: bool) {
-        let zero = zero::newest_set(records(store.log()));
+        let settings = settings_of(&mut records(store.log()));
         let mut carried: Vec<Record, CARRIED> = Vec::new();
         let there = records(store.log()).count();
         carried.extend(records(store.log()).skip(there.saturating_sub(CARRIED)));
         // (A log without a head was being begun when the power was cut: its constants are where they were put before that.)
         let beside = sectors::kept(store);
         let number = before.or(beside.map(|(number, _)| number)).unwrap_or(0).wrapping_add(1);
-        let zero = match (before, zero, beside) {
+        let settings = match (before, settings, beside) {
             (Some(_), Some(set), _) => {
                 if erase && !sectors::keep(store, number, &set.map(Record::to_bytes)) {
                     return;
                 }
                 Some(set)
             }
-            (None, _, Some((_, set))) => zero::newest_set(set.iter().filter_map(Record::from_bytes)),
+            (None, _, Some((_, set))) => settings_of(&mut set.iter().filter_map(Record::from_bytes)),
             _ => None,
         };
         if erase && !store.erase_log() {
             return;
         }
         self.next = 1;
-        zero.iter().flatten().chain(&carried).for_each(|record| self.put(store, *record));
+        settings.iter().flatten().chain(&carried).for_each(|record| self.put(store, *record));
         if !store.write_log(0, &laid_out(kind::HEAD, 0, 0, [number, 0])) {
             self.next = RECORDS;
         }
@@ -360,6 +391,7 @@ impl Journal {
                 | E::ZeroOf { .. }
                 | E::Zero { .. }
                 | E::Program { .. }
+                | E::Output { .. }
         );
         let room = if matters { RECORDS - 1 } else { RECORDS - RESERVED };
         if self.next >= room {
@@ -591,10 +623,12 @@ mod tests {
         let mut journal = Journal::open(&mut ready, true);
         (0..100).for_each(|k| journal.write(&mut ready, event(k)));
         zero::records(&set, 7, 1).into_iter().for_each(|record| journal.write(&mut ready, record));
+        let sent = OutputSettings { increments: 5, ..OutputSettings::default() };
+        journal.write(&mut ready, Record { on_for_s: 1, event: Event::Output { settings: sent.word() } });
         (100..800).for_each(|k| journal.write(&mut ready, event(k)));
         let newest = |store: &Memory| zero::newest(store.all(), 7).map(|z| z.constant_dph);
         assert_eq!(newest(&ready), Some(set.constant_dph));
-        for left in (1..80).chain(80 + CARRIED as u32 * 4 - 20..80 + CARRIED as u32 * 4 + 60) {
+        for left in (1..90).chain(80 + CARRIED as u32 * 4 - 20..80 + CARRIED as u32 * 4 + 70) {
             let mut store = Memory { sectors: ready.sectors.clone(), power: Power { left }, erased: 0 };
             let mut journal = Journal::open(&mut store, true);
             (800..810).for_each(|k| journal.write(&mut store, event(k)));
@@ -608,6 +642,7 @@ mod tests {
             journal.write(&mut store, event(9999));
             assert_eq!(store.all().last(), Some(&event(9999)), "cut after {left}");
             assert_eq!(newest(&store), Some(set.constant_dph), "cut after {left}");
+            assert_eq!(crate::output::newest(store.all()), Some(sent), "cut after {left}");
             assert!(cut || store.all().len() > CARRIED + 10, "cut after {left}");
         }
     }

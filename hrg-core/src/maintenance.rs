@@ -28,6 +28,7 @@
 
 use crate::calibration::{stated_length, Calibration, ImageError, COMMIT, MAX_BYTES, REFUSED};
 use crate::inputs::QuantitySet;
+use crate::output::OutputSettings;
 use crate::sectors::{make_room, page, sequences, stored_checksum, Place, Sector, Store, PAGE};
 use crate::self_test::{Item, Items};
 use crate::signature::{behind, Key, SIGNATURE};
@@ -112,6 +113,8 @@ pub enum Command {
     RollBack,
     /// A host has received from the unit: the token of the last [`crate::update::Programs`]. No maintenance mode is needed.
     Echo(u32),
+    /// Settings of the output, from now on and from each start on ([`crate::output`]). Answered with the settings in a word.
+    Output(OutputSettings),
 }
 
 /// An image cut into the chunks that carry it, in order.
@@ -156,7 +159,7 @@ pub enum Answer {
     TooFar = 10,
     /// The image needs an input that this unit does not have: its number follows ([`crate::inputs::NAMES`]).
     Input = 11,
-    /// The constants are larger than a unit takes ([`crate::zero::MOST_DPH`]), or no numbers.
+    /// The constants are larger than a unit takes ([`crate::zero::MOST_DPH`]), or no numbers; or a setting is beyond its limits.
     Bound = 12,
     /// The firmware has no field log to keep them in.
     NoLog = 13,
@@ -230,7 +233,7 @@ impl core::fmt::Display for Answer {
             Self::Signature => "the image is not signed with the key of its firmware",
             Self::TooFar => "the image's number is more than 1000 beyond that of the one that it holds",
             Self::Input => "the image needs an input that this unit does not have",
-            Self::Bound => "the constants are larger than it takes (10 deg/h)",
+            Self::Bound => "the numbers are beyond what it takes (constants to 10 deg/h; 1 to 1000 samples a frame, 50 of increments)",
             Self::NoLog => "its firmware has no field log, where it would keep them",
             Self::NoTest => "its firmware has no built-in test, or there is no such item",
             Self::Aligning => "an alignment runs, which the test would make invalid: end it first",
@@ -386,7 +389,7 @@ impl Maintenance {
         self.open
     }
 
-    /// Carries out a command; [`Command::Restart`], [`Command::Zero`] and [`Command::Test`] are left to the caller where the answer is [`Answer::Done`].
+    /// Carries out a command; [`Command::Restart`], [`Command::Zero`], [`Command::Output`] and [`Command::Test`] are left to the caller where the answer is [`Answer::Done`].
     pub fn command(&mut self, command: &Command, store: &mut (impl Store + update::Store)) -> Reply {
         let (answer, value) = match command {
             Command::Open(_) if self.moving && !self.locked => (Answer::Moving, 0),
@@ -430,6 +433,9 @@ impl Maintenance {
             Command::Restart => (Answer::Done, 0),
             Command::Zero(_) if !self.log => (Answer::NoLog, 0),
             Command::Zero(zero) => (if zero.possible() { Answer::Done } else { Answer::Bound }, 0),
+            Command::Output(_) if !self.log => (Answer::NoLog, 0),
+            Command::Output(settings) if !settings.possible() => (Answer::Bound, 0),
+            Command::Output(settings) => (Answer::Done, settings.word()),
             Command::Newest => (Answer::Done, number(self.newest.map(|(place, _)| place))),
             Command::Program { length, sum } => self.update.begin(*length, *sum, store),
             Command::Piece { offset, length, data } => self.update.chunk(*offset, *length, data, store),

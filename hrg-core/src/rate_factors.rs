@@ -220,6 +220,19 @@ impl Factors {
         }
     }
 
+    /// The same rule for codes of an ADC, with all that does not change from sample to sample multiplied out: `scale` of a code, then `unit` of the
+    /// result.
+    #[inline]
+    #[must_use]
+    pub fn of_codes(&self, scale: [f32; AXES], bias: [f32; AXES], unit: f32) -> OfCodes {
+        let mut of = OfCodes { factors: *self, gain: [0.0; AXES], offset: [0.0; AXES] };
+        for k in 0..AXES {
+            of.gain[k] = self.scale[k] * scale[k] * unit;
+            of.offset[k] = self.scale[k] * bias[k] * unit;
+        }
+        of
+    }
+
     /// `M` times rates.
     #[inline]
     fn aligned(&self, rates: [f32; AXES]) -> [f32; AXES] {
@@ -262,6 +275,31 @@ impl Factors {
             sum = sum.rotate_left(5) ^ a ^ b.rotate_left(11) ^ c.rotate_left(22);
         }
         sum
+    }
+}
+
+/// [`Factors`] for codes: [`Factors::of_codes`].
+#[derive(Debug, Clone, Copy)]
+pub struct OfCodes {
+    factors: Factors,
+    gain: [f32; AXES],
+    offset: [f32; AXES],
+}
+
+impl OfCodes {
+    /// Corrected values of codes.
+    #[inline(always)]
+    #[must_use]
+    pub fn corrected(&self, codes: [i32; AXES]) -> [f32; AXES] {
+        let mut out = [0.0; AXES];
+        for (k, to) in out.iter_mut().enumerate() {
+            *to = self.gain[k] * codes[k] as f32 - self.offset[k];
+        }
+        if self.factors.coupled {
+            self.factors.aligned(out)
+        } else {
+            out
+        }
     }
 }
 
@@ -340,6 +378,8 @@ mod tests {
             [6.0 + 0.5 + 4.0, -3.0 + 2.0 + 1.0, 6.0 - 2.0 + 8.0]
         );
         assert_eq!(f.touched([true, false, false]), [false, true, true]);
+        // Of codes of 0.5, in units of which four make one.
+        assert_eq!(f.of_codes([0.5; 3], [1.0; 3], 4.0).corrected([10, 10, 10]), [42.0, 0.0, 48.0]);
         let one = Factors::new([1.0; 3], [[0.0, 1e-4], [0.0; 2], [0.0; 2]]);
         assert_eq!(
             (one.touched([false, false, true]), one.touched([true, true, false])),

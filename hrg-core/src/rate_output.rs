@@ -17,16 +17,18 @@
 //!     frames.push(frame);
 //!     true
 //! };
-//! output.sample(90_000, Ok(&[100, 200, 300, 0, 0]), &mut send).expect("intact");
+//! output.sample(90_000, Ok(&[100, 200, 300, 0, 0, 0]), &mut send).expect("intact");
 //! output.sample(180_000, Err(Fault::Crc), &mut send).expect("intact");
-//! output.sample(270_000, Ok(&[100, 200, 300, 0, 0]), &mut send).expect("intact");
+//! output.sample(270_000, Ok(&[100, 200, 300, 0, 0, 0]), &mut send).expect("intact");
 //! // The sample with a wrong checksum is not sent; the frame after it says so.
 //! assert_eq!(frames.len(), 2);
 //! assert_eq!((frames[0].unit_status, frames[1].unit_status), (UnitStatus::empty(), UnitStatus::ADC_FAULT));
 //! ```
 
 use crate::adc::Fault;
-use crate::rate_path::{Event, PendingBias, RateFrame, RatePath, Summary, CHANNELS};
+use crate::increments::IncrementFrame;
+use crate::output::OutputSettings;
+use crate::rate_path::{Event, PendingBias, RateFrame, RatePath, Summary, CHANNELS, MOST_SAMPLES};
 use crate::status::UnitStatus;
 
 /// Looks at the time (the model takes one each 10 ms) without a sample between them after which the ADC is silent.
@@ -67,12 +69,15 @@ pub struct RateOutput {
     flag_drop: bool,
     drops_in_a_row: u16,
     looks_without_sample: u8,
-    /// A decimation to be used from the next second on.
-    decimation: Option<u16>,
+    /// Settings to be used from the next second on.
+    next: Option<OutputSettings>,
+    /// Increments are due.
+    increments: bool,
 }
 
 impl RateOutput {
     /// `start_status`: what start-up has found; it is in every frame.
+    #[inline]
     #[must_use]
     pub const fn new(path: RatePath, start_status: UnitStatus) -> Self {
         Self {
@@ -83,13 +88,19 @@ impl RateOutput {
             flag_drop: false,
             drops_in_a_row: 0,
             looks_without_sample: 0,
-            decimation: None,
+            next: None,
+            increments: false,
         }
     }
 
     /// Sets the flags that hold from now on, beside those of start-up.
     pub fn set_standing(&mut self, status: UnitStatus) {
         self.standing = status;
+    }
+
+    /// Sets the number of accelerometers (2 or 3), before the first sample.
+    pub fn set_accelerometers(&mut self, accelerometers: u8) {
+        self.path.set_accelerometers(accelerometers);
     }
 
     /// `true` if the next good sample ends a frame.
@@ -105,7 +116,32 @@ impl RateOutput {
 
     /// Samples per frame from the end of this second on.
     pub fn set_decimation(&mut self, decimation: u16) {
-        self.decimation = Some(decimation);
+        let settings = self.next.unwrap_or(self.path.output());
+        self.next = Some(OutputSettings { decimation: decimation.clamp(1, MOST_SAMPLES), ..settings });
+    }
+
+    /// All settings of what is sent, from the end of this second on.
+    pub fn set_output(&mut self, settings: OutputSettings) {
+        self.next = Some(settings);
+    }
+
+    /// Settings of what is sent, of the next frame.
+    #[must_use]
+    pub fn output(&self) -> OutputSettings {
+        self.path.output()
+    }
+
+    /// The increments that are due, if any: to be asked for after each sample. Status as in a rate frame.
+    #[inline]
+    pub fn increments(&mut self) -> Option<IncrementFrame> {
+        core::mem::take(&mut self.increments).then(|| self.due_increments())
+    }
+
+    #[inline(never)]
+    fn due_increments(&self) -> IncrementFrame {
+        let mut frame = self.path.increments();
+        frame.unit_status |= self.start_status | self.standing;
+        frame.with_integrity()
     }
 
     /// A frame of the ADC has come: the timer's tick at its data-ready edge, and its codes or what is wrong with it. `send` puts a
@@ -140,7 +176,7 @@ impl RateOutput {
         self.looks_without_sample = 0;
         let event = self.path.sample(tick, *codes);
         // (Four samples of five.)
-        if event.frame.is_none() && event.summary.is_none() && !event.corrupted {
+        if event.frame.is_none() && event.summary.is_none() && !event.corrupted && !event.increments {
             return Ok(None);
         }
         self.done(event, send)
@@ -171,10 +207,11 @@ impl RateOutput {
 
     #[inline]
     fn done(&mut self, event: Event, send: impl FnOnce(RateFrame) -> bool) -> Result<Option<RateSecond>, Corruption> {
-        let Event { frame, summary, corrupted } = event;
+        let Event { frame, summary, corrupted, increments } = event;
         if corrupted {
             return Err(Corruption::RatePath);
         }
+        self.increments |= increments;
         if let Some(mut frame) = frame {
             frame.unit_status |= self.start_status | self.standing;
             if self.flag_drop {
@@ -192,8 +229,8 @@ impl RateOutput {
             }
         }
         Ok(summary.map(|summary| {
-            if let Some(decimation) = self.decimation.take() {
-                self.path.set_decimation(decimation);
+            if let Some(settings) = self.next.take() {
+                self.path.set_output(settings);
             }
             RateSecond { summary, dropped: self.dropped }
         }))

@@ -6,6 +6,10 @@
 //! stamps, not by when a task ran, and a replay on a desktop does the same. A bias that arrives after its
 //! tick has passed takes effect at the next sample and raises [`UnitStatus::BIAS_LATE`].
 //!
+//! # From samples to frames
+//! By [`crate::filter`]. A frame's tick is the time that its rate is of. A sample that is missing is taken for the one before, and each frame that it
+//! is part of is flagged; where more are missing than a frame has, the filter begins anew, and the first frame comes when it is filled.
+//!
 //! # Example
 //! ```
 //! use hrg_core::rate_path::{PendingBias, RatePath};
@@ -14,20 +18,29 @@
 //!
 //! let mut path = RatePath::new(Timebase::REFERENCE, [0.01; 3], 1);
 //! path.set_bias(PendingBias::at(180_000, 0, [0.25; 3], [AxisStatus::empty(); 3]));
-//! let mut rate = |tick| path.sample(tick, [100, 100, 100, 0, 0]).frame.expect("one a sample").rate_dph[0];
+//! let mut rate = |tick| path.sample(tick, [100, 100, 100, 0, 0, 0]).frame.expect("one a sample").rate_dph[0];
 //! // 100 codes of 0.01 deg/h; the bias holds from its tick on.
 //! assert_eq!((rate(90_000), rate(180_000)), (1.0, 0.75));
 //! ```
 
+use crate::accelerometers::MPS2_PER_CODE;
 use crate::compensator::Output;
+use crate::filter::{Changed, Design, Filter, Samples, FRAMES};
 use crate::frequency::StepFrequencies;
+use crate::increments::{IncrementFrame, Integrator, RAD_PER_DPH_SAMPLE, SAMPLE_S};
+use crate::output::OutputSettings;
 use crate::rate_factors::Factors;
+use crate::specific_force::SpecificForce;
 use crate::status::{AxisStatus, UnitStatus};
 use crate::timebase::Timebase;
 use crate::AXES;
 
-/// Channels of the ADC that are used: three rates, two horizontal accelerometers.
-pub const CHANNELS: usize = AXES + 2;
+/// Channels of the ADC that the rate path takes: three rates, and three accelerometers (of which a unit with other things at channels 5 to 7 has
+/// two).
+pub const CHANNELS: usize = 2 * AXES;
+
+/// Accelerometers that an alignment uses: those along axes 1 and 2.
+const HORIZONTAL: usize = 2;
 
 /// Codes at or beyond this magnitude are the ADC's end of scale (24 bits, two's complement).
 pub const FULL_SCALE_CODE: i32 = 0x7F_FFF0;
@@ -49,6 +62,8 @@ pub struct PendingBias {
     pub bias_dph: [f32; AXES],
     /// Factors of the rates.
     pub factors: Factors,
+    /// Errors of the accelerometers.
+    pub specific_force: SpecificForce,
     /// Status of each axis.
     pub status: [AxisStatus; AXES],
     /// Integrity word over the rest: a bit that flips in memory shows.
@@ -73,6 +88,12 @@ pub const SAMPLE_US: u32 = 1000;
 /// crystal and the timer's differ by some 0.01 %.
 const SPACING_SHARE: u32 = 50;
 
+/// A missing sample is taken for the one before, so many times in a row at most; after a longer gap filter and increments begin anew.
+pub const MOST_HELD: u32 = 10;
+
+/// Half sample times by which the ADC's own filter delays: what increments are late by.
+const ADC_DELAY_HALVES: u32 = Filter::Mean.delay_halves(1);
+
 /// Over more sample times than this the spacing of two samples says nothing of the rate.
 const SPACING_TIMES: u32 = 20;
 
@@ -84,8 +105,16 @@ impl PendingBias {
     /// A bias of each axis, deg/h, with its status and the tick from which it holds.
     #[must_use]
     pub fn at(effective_tick: u32, step: u32, bias_dph: [f32; AXES], status: [AxisStatus; AXES]) -> Self {
-        Self { effective_tick, step, bias_dph, factors: Factors::UNIT, status, integrity: 0 }
-            .with_factors(Factors::UNIT)
+        let (factors, specific_force) = (Factors::UNIT, SpecificForce::NONE);
+        Self { effective_tick, step, bias_dph, factors, specific_force, status, integrity: 0 }.with_factors(factors)
+    }
+
+    /// The same with the errors of the accelerometers.
+    #[must_use]
+    pub fn with_specific_force(mut self, specific_force: SpecificForce) -> Self {
+        self.specific_force = specific_force;
+        self.integrity = self.fold();
+        self
     }
 
     /// The same with what the rates are multiplied by.
@@ -100,7 +129,9 @@ impl PendingBias {
     #[must_use]
     pub fn new(timebase: Timebase, step: &StepFrequencies, output: &Output) -> Self {
         let effective_tick = (step.end_ticks as u32).wrapping_add(timebase.ms(BIAS_DELAY_MS));
-        Self::at(effective_tick, step.step, output.bias_dph, output.status).with_factors(output.factors)
+        Self::at(effective_tick, step.step, output.bias_dph, output.status)
+            .with_factors(output.factors)
+            .with_specific_force(output.specific_force)
     }
 
     #[inline]
@@ -108,6 +139,7 @@ impl PendingBias {
         fold([self.effective_tick, self.step, word_of(self.status)])
             ^ fold(self.bias_dph.map(f32::to_bits))
             ^ self.factors.fold().rotate_left(7)
+            ^ self.specific_force.fold().rotate_left(19)
     }
 
     /// `true` if its integrity word still fits its contents.
@@ -116,12 +148,6 @@ impl PendingBias {
     pub fn intact(&self) -> bool {
         self.integrity == self.fold()
     }
-}
-
-#[inline]
-fn settings_integrity(scale_dph: &[f32; AXES], decimations: [u16; 2], stale_ticks: u32, late_ticks: i32) -> u32 {
-    let [now, next] = decimations.map(u32::from);
-    fold(scale_dph.map(f32::to_bits)).wrapping_add(now << 16 | next) ^ fold([stale_ticks, late_ticks as u32, 0])
 }
 
 /// A number that changes with any bit of the three.
@@ -136,12 +162,13 @@ fn word_of(status: [AxisStatus; AXES]) -> u32 {
     fold(status.map(|s| s.bits().into()))
 }
 
-/// One frame of corrected rates: the mean of `decimation` samples.
+/// One frame of corrected rates: of [`crate::filter`].
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct RateFrame {
     /// Sample times from start to its last sample: it counts time, and goes on where samples are lost.
     pub sample: u32,
-    /// Timer tick of that sample's data-ready edge.
+    /// Timer tick of the time that the rate is of: that sample's data-ready edge, less the delay of the filters
+    /// ([`Filter::delay_halves`]).
     pub tick: u32,
     /// Number of the model step whose bias was taken off the last sample.
     pub step: u32,
@@ -208,6 +235,8 @@ pub struct Event {
     pub frame: Option<RateFrame>,
     /// The end of a bias' validity.
     pub summary: Option<Summary>,
+    /// Increments are due: [`RatePath::increments`].
+    pub increments: bool,
     /// Scale factors, decimation, bias or sums fail their integrity check: no frame is made, and the unit must start anew.
     pub corrupted: bool,
 }
@@ -229,7 +258,13 @@ pub struct RatePath {
     scale_dph: [f32; AXES],
     /// Integrity word over all settings.
     settings_integrity: u32,
-    decimation: u16,
+    /// Settings of this frame, and those from the next one on.
+    settings: OutputSettings,
+    next_settings: OutputSettings,
+    /// From the time that a frame is of to its last sample, ticks.
+    delay_ticks: u32,
+    /// Accelerometers that there are.
+    accelerometers: u8,
     current: PendingBias,
     /// The current bias is older than [`STALE_MS`].
     stale: bool,
@@ -248,8 +283,16 @@ pub struct RatePath {
     sums: Sums,
     /// The same again: what is being summed has no integrity word.
     mirror: Sums,
-    /// Samples per frame from the next frame on.
-    next_decimation: u16,
+    /// The last samples: what frames and increments are made of.
+    samples: Samples,
+    held: [i32; CHANNELS],
+    /// The filter is being filled, for the first time or anew.
+    filling: bool,
+    /// Flags of the samples of the frames before, as far as they are part of this one.
+    flags: [Flags; FRAMES - 1],
+    /// Place of the oldest of them.
+    oldest: u8,
+    increments: Increments,
     axis_status: [AxisStatus; AXES],
     unit_status: UnitStatus,
     // The summary being filled.
@@ -257,6 +300,23 @@ pub struct RatePath {
     accelerometer_saturated: bool,
     in_summary: u16,
     errors: u16,
+}
+
+/// Flags of the samples of a frame.
+#[derive(Debug, Clone, Copy, Default)]
+struct Flags {
+    axes: [AxisStatus; AXES],
+    unit: UnitStatus,
+}
+
+/// State of the message of increments, beside its sums.
+#[derive(Debug, Clone, Copy, Default)]
+struct Increments {
+    /// Tick at which the interval began, twice; `None`: the first one has not ended yet.
+    from_tick: [Option<u32>; 2],
+    flags: Flags,
+    /// The message that is due.
+    due: IncrementFrame,
 }
 
 /// Codes of 24 bits whose sum has 32 bits at most.
@@ -324,23 +384,33 @@ impl Sums {
     /// `true` if all bits are the same.
     #[inline]
     fn equals(&self, other: &Self) -> bool {
-        (self.samples, self.in_piece, self.codes) == (other.samples, other.in_piece, other.codes)
-            && self.before_dph.map(f32::to_bits) == other.before_dph.map(f32::to_bits)
+        // (Word by word: a comparison of arrays is a call that compares bytes.)
+        let mut differs = u32::from(self.samples ^ other.samples) | u32::from(self.in_piece ^ other.in_piece);
+        for k in 0..AXES {
+            differs |= (self.codes[k] ^ other.codes[k]) as u32;
+            differs |= self.before_dph[k].to_bits() ^ other.before_dph[k].to_bits();
+        }
+        differs == 0
     }
 }
 
 impl RatePath {
-    /// `timebase`: the timer of the ticks; `scale_dph`: deg/h per code of each axis; `decimation`: samples per frame, 1 to 1000.
+    /// Frames are means. `timebase`: the timer of the ticks; `scale_dph`: deg/h per code of each axis; `decimation`: samples per frame, 1 to 1000.
+    // (In line, as below: it is large, and is made where it stays.)
+    #[inline]
     #[must_use]
     pub fn new(timebase: Timebase, scale_dph: [f32; AXES], decimation: u16) -> Self {
         let decimation = decimation.clamp(1, MOST_SAMPLES);
-        let (stale_ticks, late_ticks) = (timebase.ms(STALE_MS), timebase.ms(LATE_MS) as i32);
-        Self {
-            stale_ticks,
-            late_ticks,
+        let settings = OutputSettings { filter: Filter::Mean, decimation, ..OutputSettings::default() };
+        let mut path = Self {
+            stale_ticks: timebase.ms(STALE_MS),
+            late_ticks: timebase.ms(LATE_MS) as i32,
             scale_dph,
-            settings_integrity: settings_integrity(&scale_dph, [decimation, decimation], stale_ticks, late_ticks),
-            decimation,
+            settings_integrity: 0,
+            settings,
+            next_settings: settings,
+            delay_ticks: 0,
+            accelerometers: AXES as u8,
             current: PendingBias::at(
                 0,
                 u32::MAX,
@@ -357,34 +427,97 @@ impl RatePath {
             last: None,
             sums: Sums::default(),
             mirror: Sums::default(),
-            next_decimation: decimation,
+            samples: Samples::default(),
+            held: [0; CHANNELS],
+            filling: true,
+            flags: [Flags::default(); FRAMES - 1],
+            oldest: 0,
+            increments: Increments::default(),
             axis_status: [AxisStatus::empty(); AXES],
             unit_status: UnitStatus::empty(),
             code_sum: [0; CHANNELS],
             accelerometer_saturated: false,
             in_summary: 0,
             errors: 0,
-        }
+        };
+        path.take_settings();
+        path
     }
 
-    /// Samples per frame from the next frame on.
-    pub fn set_decimation(&mut self, decimation: u16) {
+    /// The same with these settings of what is sent, of a unit with so many accelerometers (2 or 3).
+    #[inline]
+    #[must_use]
+    pub fn with_output(mut self, settings: OutputSettings, accelerometers: u8) -> Self {
+        self.accelerometers = accelerometers;
+        self.next_settings = settings;
+        self.take_settings();
+        self
+    }
+
+    /// Sets the number of accelerometers (2 or 3), before the first sample.
+    pub fn set_accelerometers(&mut self, accelerometers: u8) {
+        self.accelerometers = accelerometers;
+        self.settings_integrity = self.settings_now();
+    }
+
+    /// Settings of what is sent from the next frame on.
+    pub fn set_output(&mut self, settings: OutputSettings) {
         let intact = self.settings_intact();
-        self.next_decimation = decimation.clamp(1, MOST_SAMPLES);
+        if settings.possible() {
+            self.next_settings = settings;
+        }
         if intact {
             self.settings_integrity = self.settings_now();
         }
     }
 
+    /// Samples per frame from the next frame on.
+    pub fn set_decimation(&mut self, decimation: u16) {
+        self.set_output(OutputSettings { decimation: decimation.clamp(1, MOST_SAMPLES), ..self.next_settings });
+    }
+
+    /// Settings of what is sent, of the next frame.
+    #[must_use]
+    pub fn output(&self) -> OutputSettings {
+        self.next_settings
+    }
+
+    /// The settings that are due hold from now on.
+    #[inline(never)]
+    fn take_settings(&mut self) {
+        if self.next_settings.increments != self.settings.increments {
+            self.increments.flags = Flags::default();
+        }
+        self.settings = self.next_settings;
+        let halves = self.settings.filter.delay_halves(self.settings.decimation);
+        self.delay_ticks = halves * (self.sample_ticks / 2);
+        self.restart();
+        self.settings_integrity = self.settings_now();
+    }
+
+    /// The filter of the frames; `None`: they are means.
+    #[inline]
+    fn design(&self) -> Option<&'static Design> {
+        self.settings.filter.design(self.settings.decimation)
+    }
+
     /// `true` if the next good sample ends a frame.
     #[must_use]
     pub fn ends_next(&self) -> bool {
-        self.sums.samples.saturating_add(1) >= self.decimation
+        let samples = if self.design().is_some() { self.samples.of_frame() } else { self.sums.samples };
+        samples.saturating_add(1) >= self.settings.decimation
     }
 
-    #[inline]
+    // (Out of line: with each frame, and wherever a setting changes.)
+    #[inline(never)]
     fn settings_now(&self) -> u32 {
-        settings_integrity(&self.scale_dph, [self.decimation, self.next_decimation], self.stale_ticks, self.late_ticks)
+        let ticks = fold([self.stale_ticks, self.late_ticks as u32, self.delay_ticks]);
+        let numbers = |s: &OutputSettings| u32::from(s.decimation) << 16 | u32::from(s.increments);
+        let kinds = |s: &OutputSettings| s.filter as u32 | (s.framing as u32) << 8;
+        let (now, next) = (&self.settings, &self.next_settings);
+        let others = u32::from(self.accelerometers) << 24 | kinds(now) << 4 | kinds(next);
+        let words = fold([numbers(now), numbers(next), others]);
+        fold(self.scale_dph.map(f32::to_bits)) ^ ticks.rotate_left(7) ^ words.rotate_left(3)
     }
 
     #[inline]
@@ -400,7 +533,7 @@ impl RatePath {
     /// Takes one sample: the timer tick of its data-ready edge and the codes of the channels.
     #[inline]
     pub fn sample(&mut self, tick: u32, codes: [i32; CHANNELS]) -> Event {
-        let mut event = Event { frame: None, summary: None, corrupted: false };
+        let mut event = Event::default();
         if self.due(tick) {
             event.summary = self.turn(tick);
         }
@@ -409,17 +542,25 @@ impl RatePath {
         if times == 0 {
             return event;
         }
+        let mut missing = times - 1;
+        if missing > MOST_HELD {
+            missing = 0;
+            self.restart();
+        }
         self.sums.add(&codes);
-        self.mirror.add(&codes);
+        if self.design().is_none() {
+            self.mirror.add(&codes);
+        }
         for k in 0..AXES {
             let code = codes[k];
             self.changed[k] |= code ^ self.last_codes[k];
             self.last_codes[k] = code;
             if !(-FULL_SCALE_CODE..=FULL_SCALE_CODE).contains(&code) {
                 self.axis_status[k] |= AxisStatus::OVER_RANGE;
+                self.increments.flags.axes[k] |= AxisStatus::OVER_RANGE;
             }
         }
-        for k in AXES..CHANNELS {
+        for k in AXES..AXES + HORIZONTAL {
             self.code_sum[k] += i64::from(codes[k]);
             self.accelerometer_saturated |= !(-FULL_SCALE_CODE..=FULL_SCALE_CODE).contains(&codes[k]);
         }
@@ -427,23 +568,155 @@ impl RatePath {
         if self.sums.in_piece >= PIECE {
             self.end_piece();
         }
-        if self.sums.samples < self.decimation {
-            // Its integrity word is checked when a frame is complete, which would take long.
-            event.corrupted = self.decimation > MOST_SAMPLES;
-            return event;
+        self.send(tick, &codes, missing, &mut event);
+        self.held = codes;
+        event
+    }
+
+    /// Output of a sample, and of those before it that are missing: the one before them stands for each.
+    #[inline(always)]
+    fn send(&mut self, tick: u32, codes: &[i32; CHANNELS], missing: u32, event: &mut Event) {
+        let design = self.design();
+        let held = self.held;
+        let mut behind = missing;
+        loop {
+            let (now, at) = if behind == 0 {
+                (codes, tick)
+            } else {
+                (&held, tick.wrapping_sub(behind.wrapping_mul(self.sample_ticks)))
+            };
+            if design.is_some() || self.settings.increments > 0 {
+                self.samples.push(design, self.settings.increments > 0, now);
+            }
+            if self.settings.increments > 0 && self.samples.of_increments() >= self.settings.increments {
+                self.end_increments(at, behind, event);
+            }
+            let ends = match design {
+                Some(_) => self.samples.of_frame() >= self.settings.decimation,
+                None => behind == 0 && self.sums.samples >= self.settings.decimation,
+            };
+            if ends {
+                self.end_frame(at, behind, event);
+            }
+            if behind == 0 {
+                break;
+            }
+            behind -= 1;
         }
-        let unequal = self.sums.samples != self.decimation || !self.sums.equals(&self.mirror);
-        event.corrupted = unequal || !self.current.intact() || !self.settings_intact();
+        // The integrity word of settings is checked when a frame is complete, which would take long.
+        event.corrupted |= self.settings.decimation > MOST_SAMPLES;
+    }
+
+    /// A frame ends.
+    #[inline(always)]
+    fn end_frame(&mut self, tick: u32, behind: u32, event: &mut Event) {
+        // (The filter's samples have checks of their own.)
+        let sums_intact =
+            self.design().is_some() || self.sums.samples == self.settings.decimation && self.sums.equals(&self.mirror);
+        event.corrupted |= !sums_intact || !self.current.intact() || !self.settings_intact();
         // The stale flag latches, because the tick counter wraps every 48 s.
         self.stale |= tick.wrapping_sub(self.current.effective_tick) > self.stale_ticks;
         if self.stale {
             self.axis_status.iter_mut().for_each(|s| *s |= AxisStatus::TEMPERATURE_STALE);
         }
-        let frame = self.finish_frame(tick);
-        if !event.corrupted {
-            event.frame = Some(frame);
+        match self.finish_frame(tick, behind) {
+            Ok(frame) if !event.corrupted => event.frame = frame,
+            Ok(_) => {}
+            Err(Changed) => event.corrupted = true,
         }
-        event
+    }
+
+    /// The message of increments is due: of the samples since the last one.
+    #[inline]
+    fn end_increments(&mut self, tick: u32, behind: u32, event: &mut Event) {
+        let PendingBias { factors, bias_dph, specific_force, .. } = &self.current;
+        let angle_of = factors.of_codes(self.scale_dph, *bias_dph, RAD_PER_DPH_SAMPLE);
+        let force = &specific_force.factors;
+        let velocity_of = force.of_codes([MPS2_PER_CODE as f32; AXES], specific_force.bias_mps2, SAMPLE_S);
+        let mut saturated = [false; AXES];
+        let mut integrator = Integrator::default();
+        let mut first = true;
+        let taken = self.samples.increments(|codes| {
+            let [x, y, z, a, b, c] = *codes;
+            for (saturated, code) in saturated.iter_mut().zip([a, b, c]) {
+                *saturated |= !(-FULL_SCALE_CODE..=FULL_SCALE_CODE).contains(&code);
+            }
+            let (angle, velocity) = (angle_of.corrected([x, y, z]), velocity_of.corrected([a, b, c]));
+            if core::mem::take(&mut first) {
+                integrator = Integrator::after(angle, velocity);
+            } else {
+                integrator.add(angle, velocity);
+            }
+        });
+        let from = core::mem::replace(&mut self.increments.from_tick, [Some(tick); 2]);
+        // (The first of a start has no sample before it, and would count for one.)
+        match (taken, from) {
+            (Ok(samples), [Some(from), Some(again)]) if from == again => {
+                self.make_increments(tick, behind, (samples, tick.wrapping_sub(from)), &integrator, saturated);
+                event.increments = true;
+            }
+            (Ok(_), [None, None]) => {}
+            _ => event.corrupted = true,
+        }
+    }
+
+    /// Makes the message of increments.
+    #[inline(never)]
+    fn make_increments(
+        &mut self,
+        tick: u32,
+        behind: u32,
+        (samples, ticks): (u16, u32),
+        integrator: &Integrator,
+        saturated: [bool; AXES],
+    ) {
+        // (The time that went by, over that of so many samples: the ADC has a clock of its own.)
+        let time = ticks as f32 / (u32::from(samples) * self.sample_ticks).max(1) as f32;
+        let (angle, velocity) = integrator.sums();
+        let Flags { mut axes, unit } = core::mem::take(&mut self.increments.flags);
+        let stale = tick.wrapping_sub(self.current.effective_tick) > self.stale_ticks || self.stale;
+        let angle_rad = angle.map(|a| a * time);
+        let mut velocity_mps = velocity.map(|v| v * time);
+        for k in 0..AXES {
+            axes[k] |= self.current.status[k];
+            if stale {
+                axes[k] |= AxisStatus::TEMPERATURE_STALE;
+            }
+            if self.current.specific_force.outside[k] {
+                axes[k] |= AxisStatus::SCALE_FACTOR;
+            }
+            if !angle_rad[k].is_finite() {
+                axes[k] |= AxisStatus::UNCALIBRATED;
+            }
+            if saturated[k] || k >= usize::from(self.accelerometers) {
+                velocity_mps[k] = f32::NAN;
+            }
+        }
+        self.increments.due = IncrementFrame {
+            sample: self.sample.wrapping_sub(behind),
+            tick: tick.wrapping_sub(ADC_DELAY_HALVES * (self.sample_ticks / 2)),
+            ticks,
+            axis_status: axes,
+            unit_status: unit,
+            angle_rad,
+            velocity_mps,
+            integrity: 0,
+        };
+    }
+
+    /// The message of increments that an [`Event`] says is due.
+    #[must_use]
+    pub fn increments(&self) -> IncrementFrame {
+        self.increments.due
+    }
+
+    /// Filter and increments begin anew.
+    #[inline(never)]
+    fn restart(&mut self) {
+        self.samples.restart();
+        self.filling = true;
+        self.flags = Default::default();
+        self.increments.from_tick = [None; 2];
     }
 
     /// Time has gone on to `tick`: ticks since the last good sample; `None` before the first.
@@ -478,6 +751,7 @@ impl RatePath {
             let more = if times == 0 { 1 } else { lost.min(0xFFFF) as u16 };
             self.errors = self.errors.saturating_add(more);
             self.unit_status |= UnitStatus::ADC_FAULT;
+            self.increments.flags.unit |= UnitStatus::ADC_FAULT;
         }
         if times > 0 {
             self.last = Some(Last { tick, since_ticks: 0, errors: 0 });
@@ -485,17 +759,23 @@ impl RatePath {
         times
     }
 
-    /// A sample was missing or refused at about `tick`. A frame whose samples all are missing is
-    /// not sent; the next one carries [`UnitStatus::ADC_FAULT`].
+    /// A sample was missing or refused at about `tick`. When the next one has come, the one before stands for it ([`MOST_HELD`]); a mean whose samples all are
+    /// missing is not sent, and the next frame carries [`UnitStatus::ADC_FAULT`].
     #[inline]
     pub fn missing(&mut self, tick: u32) -> Event {
+        self.note_missing(tick);
+        Event { summary: self.turn(tick), ..Event::default() }
+    }
+
+    #[inline]
+    fn note_missing(&mut self, tick: u32) {
         self.ticks_since_good(tick);
         if let Some(last) = &mut self.last {
             last.errors = last.errors.saturating_add(1);
         }
         self.errors = self.errors.saturating_add(1);
         self.unit_status |= UnitStatus::ADC_FAULT;
-        Event { frame: None, summary: self.turn(tick), corrupted: false }
+        self.increments.flags.unit |= UnitStatus::ADC_FAULT;
     }
 
     /// `true` if there is a pending bias, and `tick` has reached it.
@@ -571,45 +851,79 @@ impl RatePath {
         summary
     }
 
+    /// The frame that ends; `None`: the filter is not filled yet.
     #[inline]
-    fn finish_frame(&mut self, tick: u32) -> RateFrame {
+    fn finish_frame(&mut self, tick: u32, behind: u32) -> Result<Option<RateFrame>, Changed> {
         self.sum_up();
-        let rate_dph = self.sums.mean_dph(&self.current, &self.scale_dph);
+        let design = self.design();
+        let rate_dph = match design {
+            Some(design) => self.samples.frame(design)?.map(|codes| {
+                let mut raw_dph = codes;
+                raw_dph.iter_mut().zip(self.scale_dph).for_each(|(raw, scale)| *raw *= scale);
+                self.current.factors.corrected_dph(raw_dph, self.current.bias_dph)
+            }),
+            None => Some(self.sums.mean_dph(&self.current, &self.scale_dph)),
+        };
         for k in 0..AXES {
-            self.axis_status[k] |= self.current.status[k];
             let moved = core::mem::take(&mut self.changed[k]) != 0;
             self.unchanged[k] = if moved { 0 } else { self.unchanged[k].saturating_add(self.sums.samples) };
             if self.unchanged[k] >= STUCK_SAMPLES {
                 self.unit_status |= UnitStatus::ADC_FAULT;
             }
         }
+        if let Some(design) = design.filter(|_| rate_dph.is_some()) {
+            // (Flags from before the filter was filled are told once, by its first frame.)
+            debug_assert!(design.frames() == FRAMES);
+            if !core::mem::take(&mut self.filling) {
+                self.join_flags();
+            }
+        }
+        self.axis_status.iter_mut().zip(self.current.status).for_each(|(to, from)| *to |= from);
         let over = self.axis_status.map(|s| s.contains(AxisStatus::OVER_RANGE));
         let touched = self.current.factors.touched(over);
         self.axis_status.iter_mut().zip(touched).filter(|(_, t)| *t).for_each(|(s, _)| *s |= AxisStatus::NEIGHBOUR);
-        for (rate, status) in rate_dph.iter().zip(&mut self.axis_status) {
+        for (rate, status) in rate_dph.iter().flatten().zip(&mut self.axis_status) {
             // Only an image of absurd numbers brings this about.
             if !rate.is_finite() {
                 *status |= AxisStatus::UNCALIBRATED;
             }
         }
-        let frame = RateFrame {
-            sample: self.sample,
-            tick,
+        let frame = rate_dph.map(|rate_dph| RateFrame {
+            sample: self.sample.wrapping_sub(behind),
+            tick: tick.wrapping_sub(self.delay_ticks),
             step: self.current.step,
             axis_status: self.axis_status,
             unit_status: self.unit_status,
             rate_dph,
             integrity: 0,
-        };
+        });
         self.sums = Sums::default();
         self.mirror = Sums::default();
-        if self.next_decimation != self.decimation {
-            self.decimation = self.next_decimation;
-            self.settings_integrity = self.settings_now();
+        if self.next_settings != self.settings {
+            self.take_settings();
         }
-        self.axis_status = [AxisStatus::empty(); AXES];
-        self.unit_status = UnitStatus::empty();
-        frame
+        if frame.is_some() || design.is_none() {
+            self.axis_status = [AxisStatus::empty(); AXES];
+            self.unit_status = UnitStatus::empty();
+        }
+        Ok(frame)
+    }
+
+    /// Flags of this frame's samples stay for the frames that they are part of.
+    #[inline]
+    fn join_flags(&mut self) {
+        let own = Flags {
+            axes: self.axis_status.map(|s| s.intersection(AxisStatus::OVER_RANGE)),
+            unit: self.unit_status.intersection(UnitStatus::ADC_FAULT),
+        };
+        for before in &self.flags {
+            self.axis_status.iter_mut().zip(before.axes).for_each(|(to, from)| *to |= from);
+            self.unit_status |= before.unit;
+        }
+        if let Some(oldest) = self.flags.get_mut(usize::from(self.oldest)) {
+            *oldest = own;
+        }
+        self.oldest = (self.oldest + 1) % (FRAMES - 1) as u8;
     }
 }
 
@@ -680,11 +994,11 @@ mod tests {
     #[test]
     fn a_frame_that_would_never_end_is_noticed() {
         let corruptions: [fn(&mut RatePath); 6] = [
-            |p| p.decimation ^= 1,
-            |p| p.decimation ^= 1 << 9,
-            |p| p.decimation ^= 1 << 10,
-            |p| p.decimation ^= 1 << 15,
-            |p| p.next_decimation ^= 1 << 12,
+            |p| p.settings.decimation ^= 1,
+            |p| p.settings.decimation ^= 1 << 9,
+            |p| p.settings.decimation ^= 1 << 10,
+            |p| p.settings.decimation ^= 1 << 15,
+            |p| p.next_settings.decimation ^= 1 << 12,
             |p| {
                 p.scale_dph[1] = 1.0;
                 p.set_decimation(7);
@@ -730,7 +1044,7 @@ mod tests {
         let mut printed = std::vec::Vec::new();
         for k in 1..6000u32 {
             let code = k as i32 % 2;
-            let codes = [code, code, if k > 3000 { 7 } else { code }, 0, 0];
+            let codes = [code, code, if k > 3000 { 7 } else { code }, 0, 0, 0];
             let f = p.sample(90_000u32.wrapping_mul(k), codes).frame.expect("one a sample");
             printed.push((f.axis_status, f.unit_status));
         }
@@ -753,7 +1067,7 @@ mod tests {
                         let _ = r.sample(0, [1; CHANNELS]);
                         match bit {
                             0..16 => r.sums.samples ^= 1 << bit,
-                            _ => r.decimation ^= 1 << (bit - 16),
+                            _ => r.settings.decimation ^= 1 << (bit - 16),
                         }
                         let printed = (1..2000).find_map(|k| {
                             let e = r.sample(k * 90_000, [1; CHANNELS]);
@@ -785,7 +1099,7 @@ mod tests {
                         q.current.factors = Factors::new(scale, q.current.factors.coupling());
                     }
                 }
-                let e = q.sample(90_000u32.wrapping_mul(6000), [1, 2, 3, 4, 5]);
+                let e = q.sample(90_000u32.wrapping_mul(6000), [1, 2, 3, 4, 5, 6]);
                 assert!(e.corrupted && e.frame.is_none(), "word {word} bit {bit}");
             }
         }
@@ -794,7 +1108,7 @@ mod tests {
     #[test]
     fn a_frame_that_has_changed_in_a_queue_is_not_intact() {
         let mut p = RatePath::new(Timebase::REFERENCE, [0.01; 3], 1);
-        let frame = p.sample(7, [1, -2, 3, 0, 0]).frame.expect("one a sample").with_integrity();
+        let frame = p.sample(7, [1, -2, 3, 0, 0, 0]).frame.expect("one a sample").with_integrity();
         assert!(frame.intact());
         for bit in 0..32 {
             for word in 0..8 {
@@ -867,7 +1181,7 @@ mod tests {
         let e = p.missing(200_000);
         assert_eq!(e.summary.map(|s| s.adc_errors), Some(1));
         let _ = p.sample(290_000, [0; CHANNELS]);
-        let f = p.sample(380_000, [0, 0x7F_FFFF, 0, 0, 0]).frame.expect("second sample");
+        let f = p.sample(380_000, [0, 0x7F_FFFF, 0, 0, 0, 0]).frame.expect("second sample");
         assert_eq!(f.unit_status, UnitStatus::ADC_FAULT | UnitStatus::BIAS_LATE);
         assert_eq!(f.axis_status, [GOOD, AxisStatus::OVER_RANGE, GOOD]);
     }
@@ -877,16 +1191,131 @@ mod tests {
         let mut p = RatePath::new(Timebase::REFERENCE, [0.5; 3], 1);
         let factors = Factors::new([2.0, 1.0, 1.0], [[0.0; 2], [0.0; 2], [0.0, 0.25]]);
         p.set_bias(PendingBias::at(90_000, 1, [1.0, 1.0, 1.0], [GOOD; 3]).with_factors(factors));
-        let before = p.sample(0, [10, 20, 30, 0, 0]).frame.expect("one a sample");
-        let e = p.sample(90_000, [10, 20, 30, 0, 0]);
+        let before = p.sample(0, [10, 20, 30, 0, 0, 0]).frame.expect("one a sample");
+        let e = p.sample(90_000, [10, 20, 30, 0, 0, 0]);
         let after = e.frame.expect("one a sample");
         assert_eq!((before.rate_dph, after.rate_dph), ([5.0, 10.0, 15.0], [8.0, 9.0, 14.0 + 0.25 * 9.0]));
         assert_eq!(e.summary.map(|s| s.corrected_dph), Some([5.0, 10.0, 15.0]));
-        let over = p.sample(180_000, [10, FULL_SCALE_CODE + 1, 30, 0, 0]).frame.expect("one a sample");
+        let over = p.sample(180_000, [10, FULL_SCALE_CODE + 1, 30, 0, 0, 0]).frame.expect("one a sample");
         assert_eq!(over.axis_status, [GOOD, AxisStatus::OVER_RANGE, AxisStatus::NEIGHBOUR]);
         p.set_bias(PendingBias::at(270_000, 2, [0.0; 3], [GOOD; 3]));
         let ended = p.sample(270_000, [0; CHANNELS]).summary.expect("the bias ended");
         // The mean of two samples, corrected once.
         assert_eq!(ended.corrected_dph, factors.corrected_dph(ended.raw_dph, [1.0; 3]));
+    }
+
+    /// A path as a unit has it: 200 Hz by the filter, increments of five samples.
+    fn filtered() -> RatePath {
+        let settings = OutputSettings { increments: 5, ..OutputSettings::default() };
+        let mut p = RatePath::new(Timebase::REFERENCE, [0.01; 3], 5).with_output(settings, 3);
+        p.set_bias(PendingBias::at(0, 1, [0.5, 0.0, -0.5], [GOOD; 3]));
+        p
+    }
+
+    /// Numbers of samples with which a frame ends, each with its flags; increments the same way.
+    type Sent = (std::vec::Vec<RateFrame>, std::vec::Vec<IncrementFrame>);
+
+    /// `n` samples of a ramp, but for those that `lost` says are missing: told of (`Some(true)`), or not.
+    fn fly(p: &mut RatePath, n: u32, lost: impl Fn(u32) -> Option<bool>) -> Sent {
+        let (mut frames, mut increments) = (std::vec::Vec::new(), std::vec::Vec::new());
+        for k in 0..n {
+            let codes = [1000, k as i32, -2000, 0, 0, 5000 + (k as i32 & 1)];
+            let event = match lost(k) {
+                None => p.sample(k * 90_000, codes),
+                Some(true) => p.missing(k * 90_000),
+                Some(false) => continue,
+            };
+            assert!(!event.corrupted, "sample {k}");
+            frames.extend(event.frame);
+            if event.increments {
+                increments.push(p.increments());
+            }
+        }
+        (frames, increments)
+    }
+
+    #[test]
+    fn frames_are_of_the_time_that_their_tick_says() {
+        let (frames, increments) = fly(&mut filtered(), 400, |_| None);
+        // The first frame comes when the filter is filled.
+        assert_eq!((frames[0].sample, frames.len()), (55, (400 - 55) / 5 + 1));
+        for f in &frames {
+            // 28 ms before the last sample, 26.5 of them by the filter.
+            let last = f.sample - 1;
+            assert_eq!(f.tick, (last * 90_000).wrapping_sub(28 * 90_000));
+            let ramp = (last as f32 - 26.5) * 0.01;
+            assert!((f.rate_dph[0] - 9.5).abs() < 1e-5 && (f.rate_dph[1] - ramp).abs() < 1e-5, "{f:?}");
+            assert!(f.unit_status.is_empty() && f.axis_status == [GOOD; 3]);
+        }
+        // (The first interval begins with the end of five samples.)
+        assert_eq!(increments.len(), 79);
+        for i in &increments {
+            assert_eq!((i.ticks, i.tick), (450_000, ((i.sample - 1) * 90_000).wrapping_sub(135_000)));
+            let wanted = 5.0 * 9.5 * RAD_PER_DPH_SAMPLE;
+            assert!((i.angle_rad[0] / wanted - 1.0).abs() < 1e-6 && i.velocity_mps[2] > 0.0);
+        }
+    }
+
+    #[test]
+    fn a_missing_sample_is_held_and_flags_every_frame_that_it_is_part_of() {
+        for told in [true, false] {
+            let (frames, increments) = fly(&mut filtered(), 400, |k| (k == 203).then_some(told));
+            let flagged: std::vec::Vec<u32> =
+                frames.iter().filter(|f| f.unit_status == UnitStatus::ADC_FAULT).map(|f| f.sample).collect();
+            // 54 samples: eleven frames at most. (One that nobody told of is known with the sample after it.)
+            assert_eq!(flagged, (0..11).map(|k| 205 + 5 * k).collect::<std::vec::Vec<_>>(), "{told}");
+            assert!(frames.windows(2).all(|w| w[1].sample - w[0].sample == 5), "none is missing");
+            let wrong = increments.iter().filter(|i| !i.unit_status.is_empty()).count();
+            assert_eq!((wrong, increments.len()), (1, 79));
+            assert!(increments.iter().all(|i| i.ticks == 450_000));
+        }
+    }
+
+    #[test]
+    fn after_a_long_gap_the_filter_begins_anew() {
+        for told in [true, false] {
+            let (frames, increments) = fly(&mut filtered(), 600, |k| (200..300).contains(&k).then_some(told));
+            let first = frames.iter().find(|f| f.sample > 215).expect("it goes on");
+            // 54 samples after the gap, on the next fifth.
+            assert!((354..=360).contains(&first.sample) && first.unit_status == UnitStatus::ADC_FAULT, "{first:?}");
+            assert!(frames.iter().filter(|f| f.sample > 365).all(|f| f.unit_status.is_empty()));
+            let after = increments.iter().find(|i| i.sample > 300).expect("they go on");
+            assert!(after.ticks == 450_000 && after.unit_status == UnitStatus::ADC_FAULT, "{after:?}");
+        }
+    }
+
+    #[test]
+    fn corrupted_sums_of_filter_and_increments_are_noticed() {
+        for bit in 0..88 {
+            let damages: [fn(&mut RatePath, u32); 4] = [
+                |p, bit| p.samples.flip(bit),
+                |p, bit| p.increments.from_tick[1] = p.increments.from_tick[1].map(|t| t ^ 1 << (bit % 32)),
+                |p, bit| p.settings.increments ^= 1 << (bit % 16),
+                |p, bit| p.delay_ticks ^= 1 << (bit % 32),
+            ];
+            for (k, damage) in damages.iter().enumerate() {
+                let mut p = filtered();
+                let _ = fly(&mut p, 102, |_| None);
+                damage(&mut p, bit);
+                let noticed = (102..112u32).any(|k| p.sample(k * 90_000, [1000, k as i32, -2000, 0, 0, 1]).corrupted);
+                assert!(noticed, "damage {k}, bit {bit}");
+            }
+        }
+    }
+
+    #[test]
+    fn settings_change_with_the_frame() {
+        let mut p = filtered();
+        let _ = fly(&mut p, 100, |_| None);
+        p.set_output(OutputSettings { filter: Filter::Mean, decimation: 10, ..OutputSettings::default() });
+        let sent: std::vec::Vec<_> =
+            (100..140u32).filter_map(|k| p.sample(k * 90_000, [1000, k as i32, 0, 0, 0, 0]).frame).collect();
+        // The frame that was begun ends as it was; a mean of ten is 6 ms late.
+        assert_eq!(sent.iter().map(|f| f.sample).collect::<std::vec::Vec<_>>(), [105, 115, 125, 135]);
+        assert_eq!(sent[1].tick, 114 * 90_000 - 6 * 90_000);
+        assert!((sent[1].rate_dph[1] - 1.095).abs() < 1e-6, "{}", sent[1].rate_dph[1]);
+        // Impossible settings are not taken.
+        p.set_output(OutputSettings { decimation: 0, ..OutputSettings::default() });
+        assert_eq!(p.output().decimation, 10);
     }
 }

@@ -16,6 +16,8 @@
 //! ```
 
 use crate::bytes::{Reader, Writer};
+use crate::filter::Filter;
+use crate::output::Framing;
 use crate::reset::{Halt, ResetCause};
 use crate::status::{AxisStatus, UnitStatus};
 use crate::stopped::Silent;
@@ -219,6 +221,8 @@ as_number! {
     UnitStatus, U16, u16, |s: UnitStatus| s.bits(), |b: u16| Some(UnitStatus::from_bits_retain(b));
     ResetCause, U8, u8, |c: ResetCause| c as u8, ResetCause::from_number;
     Halt, U8, u8, |h: Halt| h as u8, Halt::from_number;
+    Filter, U8, u8, |f: Filter| f as u8, Filter::from_number;
+    Framing, U8, u8, |f: Framing| f as u8, Framing::from_number;
     Silent, U8, u8, |s: Silent| s.bits(), |b: u8| Some(Silent::from_bits_retain(b));
 }
 

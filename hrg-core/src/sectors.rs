@@ -329,8 +329,8 @@ const KEPT: [u8; 4] = *b"KEPT";
 const KEPT_BYTES: usize = KEPT_HEAD + KEPT_RECORDS * RECORD;
 /// Its length, as the header of an image states it.
 const KEPT_LENGTH: [u8; 4] = [0, 0, KEPT_BYTES as u8, 0];
-/// Records that are kept.
-pub const KEPT_RECORDS: usize = zero::RECORDS;
+/// Records that are kept: the constants, and what is sent ([`crate::output`]).
+pub const KEPT_RECORDS: usize = zero::RECORDS + 1;
 
 /// Puts records beside the images, at a place that counts as refused: so a start, and a burn, go by it. It may erase the sector that the newest image is not in.
 /// `false`: the flash could not be written.

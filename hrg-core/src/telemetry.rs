@@ -24,6 +24,7 @@
 //!     reset_cause: ResetCause::Power,
 //!     resets: 0,
 //!     option_bytes: 0,
+//!     ..Identity::default()
 //! };
 //! let mut session = NotBuiltIn::IDLE;
 //! let mut telemetry = Telemetry::new(&mut session, Timebase::REFERENCE, identity, UnitStatus::DEFAULT_CALIBRATION);
@@ -232,6 +233,7 @@ mod tests {
         bias_dph: [1.0; 3],
         bias_std_dph: [0.1; 3],
         factors: crate::rate_factors::Factors::UNIT,
+        specific_force: crate::specific_force::SpecificForce::NONE,
         status: [AxisStatus::empty(); 3],
         on_for_s: 77.0,
     };

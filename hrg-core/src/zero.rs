@@ -59,32 +59,46 @@ pub fn records(zero: &Zero, calibration: u32, on_for_s: u32) -> [Record; RECORDS
     [head, of(0), of(1), of(2)].map(|event| Record { on_for_s, event })
 }
 
-/// The last complete set of a log.
-pub fn newest_set(log: impl IntoIterator<Item = Record>) -> Option<[Record; RECORDS]> {
-    let (mut found, mut coming, mut filled) = (None, None, 0u8);
-    for record in log {
+/// The last complete set of a log, record by record.
+#[derive(Debug, Clone, Default)]
+pub struct NewestSet {
+    found: Option<[Record; RECORDS]>,
+    coming: Option<[Record; RECORDS]>,
+    filled: u8,
+}
+
+impl NewestSet {
+    /// Takes a record; the log goes from the oldest to the newest.
+    pub fn take(&mut self, record: Record) {
         match record.event {
-            Event::ZeroOf { .. } => (coming, filled) = (Some([record; RECORDS]), 0),
+            Event::ZeroOf { .. } => (self.coming, self.filled) = (Some([record; RECORDS]), 0),
             // (Other events may stand between.)
-            Event::Zero { axis, .. } if axis == filled => {
-                let Some(set) = coming.as_mut() else { continue };
+            Event::Zero { axis, .. } if axis == self.filled => {
+                let Some(set) = self.coming.as_mut() else { return };
                 if let Some(to) = set.get_mut(usize::from(axis) + 1) {
                     *to = record;
                 }
-                filled += 1;
-                if usize::from(filled) == AXES {
-                    found = coming.take();
+                self.filled += 1;
+                if usize::from(self.filled) == AXES {
+                    self.found = self.coming.take();
                 }
             }
             _ => {}
         }
     }
-    found
+
+    /// The last complete set of those that were taken.
+    #[must_use]
+    pub fn found(self) -> Option<[Record; RECORDS]> {
+        self.found
+    }
 }
 
 /// The constants of the last complete set; `None` where there is none, or it was measured under another image.
 pub fn newest(log: impl IntoIterator<Item = Record>, calibration: u32) -> Option<Zero> {
-    let set = newest_set(log)?;
+    let mut newest = NewestSet::default();
+    log.into_iter().for_each(|record| newest.take(record));
+    let set = newest.found()?;
     let Event::ZeroOf { calibration: under, made_unix_s } = set.first()?.event else { return None };
     if under != calibration as u16 {
         return None;

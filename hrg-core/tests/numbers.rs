@@ -11,6 +11,7 @@ use hrg_core::effects::{shape, Inputs, Reach, Running, ALL, MAX_OUTPUTS};
 use hrg_core::frequency::StepFrequencies;
 use hrg_core::inputs::Quantities;
 use hrg_core::link::{Housekeeping, Message};
+use hrg_core::output::OutputSettings;
 use hrg_core::rate_of_change::{Difference, SlopeWindow};
 use hrg_core::rate_path::{PendingBias, RatePath};
 use hrg_core::status::AxisStatus;
@@ -156,16 +157,24 @@ proptest! {
     fn any_codes_with_any_bias_give_a_finite_or_flagged_rate(
         scale in prop_oneof![-1e7f32..1e7, -1f32..1.0],
         bias in [single(), single(), single()],
-        codes in proptest::collection::vec(any::<[i32; 5]>(), 1..40),
+        codes in proptest::collection::vec(any::<[i32; 6]>(), 1..100),
         decimation in prop_oneof![0u16..8, any::<u16>()],
+        increments in 0u16..8,
     ) {
-        let mut p = RatePath::new(Timebase::REFERENCE, [scale; 3], decimation);
+        let decimation = decimation.clamp(1, 1000);
+        let settings = OutputSettings { decimation, increments, ..OutputSettings::default() };
+        let mut p = RatePath::new(Timebase::REFERENCE, [scale; 3], decimation).with_output(settings, 3);
         // The pending bias of the compensator is finite: see above.
         p.set_bias(PendingBias::at(0, 1, bias.map(|b| if b.is_finite() { b } else { 0.0 }), [AxisStatus::empty(); 3]));
         for (k, c) in codes.into_iter().enumerate() {
             // An ADC has 24 bits.
             let e = p.sample(90_000 * k as u32, c.map(|c| c >> 8));
             prop_assert!(!e.corrupted);
+            if e.increments {
+                let f = p.increments();
+                let finite = f.angle_rad.iter().zip(f.axis_status).all(|(a, s)| a.is_finite() || !s.is_empty());
+                prop_assert!(finite, "{f:?}");
+            }
             if let Some(f) = e.frame {
                 for a in 0..3 {
                     prop_assert!(f.rate_dph[a].is_finite() || !f.axis_status[a].is_empty(), "{f:?}");

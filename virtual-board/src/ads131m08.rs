@@ -2,11 +2,11 @@
 //!
 //! Frames of ten words, of 24 bits unless MODE.WLENGTH says otherwise. The words out are latched when chip select falls: the answer to the last command, the
 //! eight channels, a CRC (of CCITT or ANSI by MODE.CRC_TYPE, seed 0xFFFF). The words in are executed when the frame ends; with MODE.RX_CRC_EN only behind a checksum of
-//! their own.
+//! their own. With MODE.REG_CRC_EN a register that changes stands in STATUS; a frame's status is that at the end of the frame before.
 //!
 //! Settings under which no such ADC gives good samples give none here: a channel that is off (CLOCK.CHn_EN) sends zeros; DRDY that is let go instead of driven high
-//! (MODE.DRDY_HiZ) makes no edge against the pull-down of the unit; a reference from outside that nothing drives (CLOCK.EXTREF_EN), and a modulator that is too slow for its clock
-//! (CLOCK.PWR), give codes that mean nothing. (Sections 8.3, 8.5 and 8.6.)
+//! (MODE.DRDY_HiZ) makes no edge against the pull-down of the unit; a reference from outside that nothing drives (CLOCK.EXTREF_EN)
+//! gives codes that mean nothing. (Sections 8.3, 8.5 and 8.6. At 2.048 MHz the modulator is fast enough in each of its power modes, section 6.3.)
 //!
 //! It keeps two samples (section 8.5.1.9.1): a frame takes the oldest; a third one that comes meanwhile replaces the second.
 //! SYNC/RESET low for 2048 clocks or longer resets it, for less it begins its conversions anew and forgets those that it has (section
@@ -22,8 +22,8 @@ const ANSI: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_CMS);
 
 /// Code at a test voltage: 2/15 of the full scale, whatever the gain (data sheet, internal test signals).
 const TEST_LEVEL: i64 = (1 << 23) * 2 / 15;
-/// Codes by which a converted voltage of its own scatters at most, each way: the data sheet's noise at 1 kSPS, some 4 uV RMS.
-const OWN_NOISE: i64 = 48;
+/// Codes by which a converted voltage of its own scatters at most, each way: the data sheet's noise with an oversampling of 1024, some 6 uV RMS.
+const OWN_NOISE: i64 = 77;
 
 /// Defect of a channel, from its multiplexer to its code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,16 +43,36 @@ impl Defect {
     pub const NONE: Self = Self { gain: 1000, offset: 0, noise: 0, at_pins: false };
 }
 
-/// Registers MODE and CLOCK, and bits of the first, of the second, and of STATUS.
+/// Registers STATUS, MODE and CLOCK, and bits of the second, of the third, and of the first.
+const STATUS: usize = 0x01;
 const MODE: usize = 0x02;
 const CLOCK: usize = 0x03;
 const RX_CRC: u16 = 1 << 12;
+const MAP_CRC: u16 = 1 << 13;
 const HIGH_IMPEDANCE: u16 = 1 << 1;
 const EXTERNAL_REFERENCE: u16 = 1 << 6;
 const CRC_ERROR: u16 = 1 << 12;
+const MAP_CHANGED: u16 = 1 << 13;
+
+/// Weights of the ADC's filter, a sinc3, for a signal that is known at so many moments per sample time, newest first: its output is that of three running
+/// means over a sample time, one behind the other (section 8.3, digital filter). The moments lie in the middle of their pieces.
+#[must_use]
+pub fn filter_weights(per_sample: usize) -> Vec<f64> {
+    let mean = vec![1.0 / per_sample as f64; per_sample];
+    let with = |a: &[f64]| -> Vec<f64> {
+        let mut out = vec![0.0; a.len() + per_sample - 1];
+        for (k, x) in a.iter().enumerate() {
+            for (j, y) in mean.iter().enumerate() {
+                out[k + j] += x * y;
+            }
+        }
+        out
+    };
+    with(&with(&mean))
+}
 
 /// Master clock that the modulator's clock is made of, Hz.
-const CLKIN_HZ: u64 = 8_192_000;
+const CLKIN_HZ: u64 = 2_048_000;
 
 /// The ADC.
 #[derive(Debug, Clone)]
@@ -180,7 +200,16 @@ impl Ads131m08 {
 
     /// A bit of a register changes.
     pub fn flip(&mut self, register: usize, bit: u32) {
-        self.registers[register % 64] ^= 1 << (bit % 16);
+        let register = register % 64;
+        self.set(register, self.registers[register] ^ 1 << (bit % 16));
+    }
+
+    /// A register takes a value. With MODE.REG_CRC_EN a change stands in STATUS until that is read (section 8.5, register map CRC).
+    fn set(&mut self, register: usize, value: u16) {
+        let changes = std::mem::replace(&mut self.registers[register], value) != value;
+        if changes && register > STATUS && self.registers[MODE] & MAP_CRC != 0 {
+            self.registers[STATUS] |= MAP_CHANGED;
+        }
     }
 
     /// Chip select changes; `corrupt` flips a bit of the frame that begins.
@@ -227,7 +256,7 @@ impl Ads131m08 {
         if self.registers[CLOCK] & 1 << (8 + n) == 0 {
             return 0;
         }
-        if self.registers[CLOCK] & EXTERNAL_REFERENCE != 0 || self.registers[CLOCK] & 0b10 == 0 {
+        if self.registers[CLOCK] & EXTERNAL_REFERENCE != 0 {
             return self.scatter(1 << 22) as i32;
         }
         let defect = self.defects[n];
@@ -281,8 +310,8 @@ impl Ads131m08 {
             let words = if command >> 13 == 0b011 { 2 } else { 1 };
             let expected = self.checksum(&self.input[..words * self.word_bytes]);
             if self.at < (words + 1) * self.word_bytes || self.word(words) != expected {
-                self.registers[0x01] |= CRC_ERROR;
-                self.answer = self.registers[0x01] | 0x00FF;
+                self.registers[STATUS] |= CRC_ERROR;
+                self.answer = self.registers[STATUS] | 0x00FF;
                 return;
             }
         }
@@ -290,15 +319,18 @@ impl Ads131m08 {
         match command >> 13 {
             0b011 => {
                 let value = self.word(1);
-                self.registers[address] = value;
+                self.set(address, value);
                 if address == 0x02 {
-                    self.registers[0x01] = self.registers[0x01] & !0x0400 | value & 0x0400;
+                    self.registers[STATUS] = self.registers[STATUS] & !0x0400 | value & 0x0400;
                 }
                 self.answer = 0x4000 | (command & 0x1FFF);
             }
             0b101 => self.answer = self.registers[address],
             _ if command == 0x0011 => self.forget(),
-            _ => self.answer = self.registers[0x01] | 0x00FF,
+            _ => {
+                self.answer = self.registers[STATUS] | 0x00FF;
+                self.registers[STATUS] &= !MAP_CHANGED;
+            }
         }
     }
 }

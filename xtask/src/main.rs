@@ -59,6 +59,7 @@ const USAGE: &str = "cargo xtask COMMAND
                     picture and the README's caption
   wu2023 [ARGS]     wu2023's loop on a simulated gyro with temperature sensors and no resonator (--page docs/methods.md: into that page)
   rates [ARGS]      scale factor and misalignment over temperature on a simulated unit, before and after, through the ELF (12 min)
+  output [ARGS]     rates and increments as a navigator gets them: filters swept, coning, time, link and processor (--page docs/navigator.md)
   formats           columns of recordings and tables of bytes, into docs/formats.md
   pages [PAGE...] [--all]   every command of the pages, in the page's order, each page in an empty folder (out/pages); --all: those that
                     take minutes, too
@@ -68,11 +69,11 @@ const USAGE: &str = "cargo xtask COMMAND
   setup             only install what is missing";
 
 /// Bounds of the firmware, bytes.
-const FLASH_BOUND: u64 = 161_500;
+const FLASH_BOUND: u64 = 180_500;
 /// The same with the check of signatures: it leaves a tenth of its slot (memory.x).
 const SIGNED_FLASH_BOUND: u64 = slots::ROOM as u64 * 9 / 10;
 /// The smallest unit.
-const MINIMAL_FLASH_BOUND: u64 = 115_000;
+const MINIMAL_FLASH_BOUND: u64 = 134_000;
 const RAM_BOUND: u64 = 64 * 1024;
 
 fn main() -> ExitCode {
@@ -121,6 +122,7 @@ fn main() -> ExitCode {
         Some("measured") => measured(),
         Some("formats") => tool("hrg-study", &["formats", "--page", "docs/formats.md"].map(String::from)),
         Some("rates") => study("rates", rest),
+        Some("output") => study("output", rest).and_then(|()| page_of(rest, "cargo xtask output", false)),
         Some("wu2023") => tool("hrg-study", &[vec!["wu2023".to_string()], rest.to_vec()].concat()),
         Some("python") => python::tests(),
         Some("wheel") => python::wheel().map(|w| println!("{}", w.display())),

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::process::Command;
 
 /// Packages that the tests need beside the wheel. (maturin builds it.)
-const NEEDED: [&str; 11] = [
+const NEEDED: [&str; 13] = [
     "maturin>=1.9,<2",
     "numpy>=1.21",
     "pandas>=1.5",
@@ -17,6 +17,8 @@ const NEEDED: [&str; 11] = [
     "ipykernel>=6",
     "h5py>=3",
     "scipy",
+    "pymavlink>=2.4",
+    "mcap-ros2-support>=0.5",
 ];
 
 fn environment() -> PathBuf {

@@ -8,6 +8,7 @@
 //! | [`campaign`] | the seeded campaign behind docs/trace.md |
 //! | [`methods`], [`rates`], [`align`] | methods, scale factors and self-alignment through the ELF |
 //! | [`inputs`] | inputs beside the frequencies, on the second plant and through the ELF |
+//! | [`output`] | what a navigator gets: filters, increments, time, measured through the ELF |
 //! | [`faults`] | attacks the promises of docs/promises.md |
 //! | [`mutate`] | proof by mutation: set-up code made wrong, which the board must notice |
 //! | [`fingerprint`] | checksums of frames, images and files, to compare before and after a change |
@@ -27,6 +28,7 @@ pub mod inputs;
 pub mod measured;
 pub mod methods;
 pub mod mutate;
+pub mod output;
 pub mod pages;
 pub mod rates;
 pub mod threshold;

@@ -171,6 +171,17 @@ enum Command {
         #[arg(long)]
         elf: Option<PathBuf>,
     },
+    /// Rates and increments as a navigator gets them: filters swept, coning and sculling, GNSS time, link and processor, through the ELF.
+    ///
+    /// Example: hrg-study output --page docs/navigator.md
+    Output {
+        /// Write the tables into this page, between its marks.
+        #[arg(long)]
+        page: Option<PathBuf>,
+        /// The firmware; by default the one that is built here.
+        #[arg(long)]
+        elf: Option<PathBuf>,
+    },
     /// Units whose bias follows drive and quadrature: traced with their inputs and without, judged on a third run, and flown.
     ///
     /// Example: hrg-study inputs --folder out/inputs
@@ -279,6 +290,9 @@ fn run(command: Command) -> Result<()> {
         }
         Command::Rates { seed, out, elf } => {
             hrg_study::rates::rates(&replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?, seed, &out)
+        }
+        Command::Output { page, elf } => {
+            hrg_study::output::report(&replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?, page.as_deref())
         }
         Command::Inputs(arguments) => {
             let text = hrg_study::inputs::run(&arguments)?;

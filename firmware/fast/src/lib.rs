@@ -14,7 +14,8 @@ use hrg_core::calibration::Calibration;
 use hrg_core::compensator::{Compensator, Model};
 use hrg_core::frequency::CounterBank;
 use hrg_core::history::Settling;
-use hrg_core::link::{Message, RATE_FRAME};
+use hrg_core::increments::IncrementFrame;
+use hrg_core::link::{Message, FAST_FRAME};
 use hrg_core::rate_output::{Corruption, RateOutput, RateSecond};
 use hrg_core::rate_path::{RateFrame, CHANNELS};
 use static_cell::StaticCell;
@@ -58,9 +59,17 @@ macro_rules! in_place {
 in_place!(compensator, Compensator);
 in_place!(settling, Model<Settling>);
 
+/// Room for a rate frame and increments.
+pub const FAST: usize = 2 * FAST_FRAME;
+
+/// [`Message::encode_increments`].
+#[inline(never)]
+pub fn encode_increments(increments: &IncrementFrame, out: &mut Vec<u8, FAST>) {
+    Message::encode_increments(increments, out);
+}
+
 /// [`Message::encode_rate`].
 #[inline(never)]
-#[must_use]
-pub fn encode(frame: &RateFrame) -> Vec<u8, RATE_FRAME> {
-    Message::encode_rate(frame)
+pub fn encode(frame: &RateFrame, out: &mut Vec<u8, FAST>) {
+    Message::encode_rate(frame, out);
 }

@@ -12,7 +12,7 @@ use virtual_board::{Board, CPU_HZ};
 /// Fields of the registers that a unit sets, as SBAS950 section 8.6 has them: register, name, highest bit, lowest bit, value, its meaning there. Typed from the sheet, not from our
 /// constants.
 const SHEET: [(u8, &str, u8, u8, u16, &str); 33] = [
-    (0x02, "REGCRC_EN", 13, 13, 0, "no checksum of the register map"),
+    (0x02, "REGCRC_EN", 13, 13, 1, "a checksum of the register map"),
     (0x02, "RX_CRC_EN", 12, 12, 0, "commands without a checksum"),
     (0x02, "CRC_TYPE", 11, 11, 0, "16-bit CCITT"),
     (0x02, "RESET", 10, 10, 0, "the flag of a reset is cleared"),
@@ -25,7 +25,7 @@ const SHEET: [(u8, &str, u8, u8, u16, &str); 33] = [
     (0x03, "XTAL_DIS", 7, 7, 0, "as after a reset"),
     (0x03, "EXTREF_EN", 6, 6, 0, "internal reference"),
     (0x03, "TBM", 5, 5, 0, "no turbo mode"),
-    (0x03, "OSR", 4, 2, 0b101, "4096"),
+    (0x03, "OSR", 4, 2, 0b011, "1024"),
     (0x03, "PWR", 1, 0, 0b10, "high resolution"),
     (0x04, "PGAGAIN3 to PGAGAIN0", 15, 0, 0, "1"),
     (0x05, "PGAGAIN7 to PGAGAIN4", 15, 0, 0, "1"),
@@ -93,17 +93,17 @@ fn a_setting_with_which_no_adc_works_is_noticed() {
     assert!(good.len() > 500, "{}", good.len());
     // The control: a delay of the global chop, which is off.
     assert_eq!(sent(Some((0x06, 0x0800))).as_ref(), Ok(&good));
+    // Another: the power mode, of which each is fast enough for a clock of 2.048 MHz (section 6.3).
+    assert_eq!(sent(Some((0x03, 0xFF0C))).as_ref(), Ok(&good));
     for (register, value, what) in [
-        (0x02, 0x0010, "16-bit words"),
-        (0x02, 0x0210, "32-bit words"),
-        (0x02, 0x0910, "the other checksum"),
-        (0x02, 0x1110, "commands with a checksum"),
-        (0x02, 0x0112, "DRDY let go"),
-        (0x03, 0x0016, "all channels off"),
-        (0x03, 0xFB16, "one channel off"),
-        (0x03, 0xFF56, "an external reference"),
-        (0x03, 0xFF15, "low power"),
-        (0x03, 0xFF14, "very low power"),
+        (0x02, 0x2010, "16-bit words"),
+        (0x02, 0x2210, "32-bit words"),
+        (0x02, 0x2910, "the other checksum"),
+        (0x02, 0x3110, "commands with a checksum"),
+        (0x02, 0x2112, "DRDY let go"),
+        (0x03, 0x000E, "all channels off"),
+        (0x03, 0xFB0E, "one channel off"),
+        (0x03, 0xFF4E, "an external reference"),
         (0x03, 0xFF12, "another oversampling"),
         (0x04, 0x0001, "another gain"),
         (0x09, 0x0006, "a test signal in the place of an input"),

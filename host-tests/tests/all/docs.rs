@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 /// Commands of commands.
-const GROUPS: [(&str, &str); 15] = [
+const GROUPS: [(&str, &str); 16] = [
     ("fit", "points"),
     ("fit", "soaks"),
     ("fit", "lag"),
@@ -16,6 +16,7 @@ const GROUPS: [(&str, &str); 15] = [
     ("unit", "image"),
     ("unit", "keygen"),
     ("unit", "zero"),
+    ("unit", "output"),
     ("unit", "test"),
     ("unit", "update"),
     ("unit", "pack"),

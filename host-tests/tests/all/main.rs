@@ -21,6 +21,7 @@ mod library;
 mod logs;
 mod measured;
 mod ocxo;
+mod output;
 mod panics;
 mod papers;
 mod parquet;

@@ -92,7 +92,7 @@ fn a_fault_is_told_with_its_place_and_kind() {
         assert_eq!((told.halt, told.pc, told.cfsr, told.hfsr), (Halt::Fault, at + behind, cfsr, 1 << 30), "{told:x?}");
         assert_eq!(told.address, address);
         assert!(told.lr & 1 == 1 && told.lr > FLASH_START, "the caller: {:x}", told.lr);
-        assert!((20_000..50_000).contains(&told.stack), "{}", told.stack);
+        assert!((20_000..54_000).contains(&told.stack), "{}", told.stack);
         assert_eq!(logged.first(), Some(&told));
         only_once(&logged);
     }

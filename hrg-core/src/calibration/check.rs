@@ -83,6 +83,10 @@ impl Calibration {
         }
         possible(self.accelerometers.possible(), "accelerometers")?;
         self.rates.iter().flatten().try_for_each(RateAxis::check)?;
+        for one in self.specific_force.iter().flatten() {
+            possible(one.possible(), "accelerometers")?;
+            one.errors.check()?;
+        }
         self.effects.iter().try_for_each(EffectTerm::check)?;
         self.inputs.iter().try_for_each(Input::check)?;
         let described = self.inputs.iter().map(|i| QuantitySet::one(i.quantity));

@@ -10,6 +10,7 @@ use crate::half::Half;
 use crate::inputs::Input;
 use crate::rate_factors::RateAxis;
 use crate::schema::{size, take, Layout, Wire};
+use crate::specific_force::Accelerometer;
 use crate::visited::Visited;
 use crate::AXES;
 use heapless::Vec;
@@ -54,6 +55,10 @@ impl Calibration {
         if parts.contains(Parts::INPUTS) {
             w.u8(self.inputs.len() as u8);
             self.inputs.iter().for_each(|i| i.put_fields(&mut w));
+        }
+        for one in self.specific_force.iter().flatten() {
+            one.bias.put_fields(&mut w);
+            one.errors.put_fields(&mut w);
         }
         let payload_end = w.finish()?;
         let length = payload_end + 4;
@@ -139,6 +144,14 @@ impl Calibration {
         if parts.contains(Parts::INPUTS) {
             calibration.read_inputs(&mut payload).ok_or(ImageError::Length(length))??;
         }
+        if parts.contains(Parts::SPECIFIC_FORCE) {
+            let mut all = [Accelerometer::default(); AXES];
+            for one in &mut all {
+                one.bias.take_fields(&mut payload).ok_or(ImageError::Length(length))?;
+                one.errors.take_fields(&mut payload).ok_or(ImageError::Length(length))?;
+            }
+            calibration.specific_force = Some(all);
+        }
         if payload.remaining() != 0 {
             return Err(ImageError::Length(length));
         }
@@ -190,6 +203,7 @@ impl Calibration {
         parts.set(Parts::ACCELEROMETERS, self.accelerometers != Accelerometers::IDEAL);
         parts.set(Parts::RATES, self.rates.is_some());
         parts.set(Parts::INPUTS, !self.inputs.is_empty());
+        parts.set(Parts::SPECIFIC_FORCE, self.specific_force.is_some());
         parts.set(Parts::VISITED, self.axes.iter().any(|a| a.visited != Visited::default()));
         parts
     }

@@ -35,7 +35,7 @@ pub struct Header {
 layout! { Header {
     magic: [u8; 4], "`HRGC`";
     version: u8, "version of the layout";
-    parts: u8, "parts behind the effects: bit 0 uncertainty, 1 accelerometers, 2 scale factors and misalignments, 3 temperatures and ramps visited together, 4 inputs; 5 to 7 are free";
+    parts: u8, "parts behind the effects: bit 0 uncertainty, 1 accelerometers, 2 scale factors and misalignments, 3 temperatures and ramps visited together, 4 inputs, 5 accelerometers over temperature; 6 and 7 are free";
     length: u16, "bytes of the whole image, checksum included";
 } }
 

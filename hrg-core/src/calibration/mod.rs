@@ -40,6 +40,7 @@ use crate::effects::{MAX_OUTPUTS, MAX_PARAMETERS};
 use crate::half::Half;
 use crate::inputs::{self, InputTable, QuantitySet};
 use crate::rate_factors::RateAxis;
+use crate::specific_force::Accelerometer;
 use crate::temperature::TemperatureCurve;
 use crate::unit_name::UnitName;
 use crate::visited::Visited;
@@ -73,6 +74,8 @@ bitflags::bitflags! {
         const VISITED = 1 << 3;
         /// [`Calibration::inputs`].
         const INPUTS = 1 << 4;
+        /// [`Calibration::specific_force`].
+        const SPECIFIC_FORCE = 1 << 5;
     }
 }
 
@@ -171,6 +174,8 @@ pub struct Calibration {
     pub rates: Option<[RateAxis; AXES]>,
     /// Inputs beside the frequencies that its effects need.
     pub inputs: InputTable,
+    /// The accelerometers over temperature; `None`: without errors.
+    pub specific_force: Option<[Accelerometer; AXES]>,
 }
 
 /// Why an image was refused.
@@ -289,6 +294,7 @@ impl Calibration {
             accelerometers: Accelerometers::IDEAL,
             rates: None,
             inputs: InputTable::new(),
+            specific_force: None,
         }
     }
 

@@ -1,5 +1,6 @@
 //! A stream of bytes to frames.
 
+use super::codec::{COMMANDS_FROM, COMMANDS_TO};
 use super::{LinkError, Message, MAX_FRAME};
 use heapless::Vec;
 
@@ -20,7 +21,9 @@ impl Deframer {
     /// The same for a unit, which knows nothing but commands: what units say is of an unknown type.
     pub fn push_command(&mut self, byte: u8) -> Option<Result<Message, LinkError>> {
         self.push_with(byte, |frame| {
-            Message::decode_with(frame, |kind, r| matches!(kind, 0x80..=0x84).then(|| Message::read_command(kind, r)))
+            Message::decode_with(frame, |kind, r| {
+                (COMMANDS_FROM..=COMMANDS_TO).contains(&kind).then(|| Message::read_command(kind, r))
+            })
         })
     }
 

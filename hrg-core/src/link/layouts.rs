@@ -12,8 +12,12 @@
 
 use super::{Housekeeping, Identity, InputsUsed};
 use crate::align_mode;
+use crate::filter::Filter;
+use crate::gnss::{GnssTime, TimeMark};
+use crate::increments::IncrementFrame;
 use crate::inputs::{InputValues, IN_MESSAGE, QUANTITIES};
 use crate::maintenance::CHUNK;
+use crate::output::{Framing, OutputSettings};
 use crate::rate_path::RateFrame;
 use crate::reset::ResetCause;
 use crate::schema::{layout, Field, Layout};
@@ -28,7 +32,7 @@ use crate::AXES;
 
 layout! { RateFrame {
     sample: u32, "sample times from start to its last sample";
-    tick: u32, "timer tick of that sample's data-ready edge";
+    tick: u32, "timer tick of the time that the rate is of: that sample's data-ready edge less the delay in identity";
     step: u32, "number of the model step whose bias was taken off";
     axis_status: [AxisStatus; AXES], "status of each axis, worst over the samples";
     unit_status: UnitStatus, "status of the unit";
@@ -72,6 +76,11 @@ layout! { Identity {
     reset_cause: ResetCause, "why the unit started: 0 power, 1 pin, 2 software, 3 watchdog";
     resets: u16, "resets since power-on";
     option_bytes: u32, "option bytes of the processor: FLASH_OPTCR";
+    filter: Filter, "filter from samples to frames: 0 means, 1 linear phase";
+    decimation: u16, "samples per rate frame";
+    increments: u16, "samples per message of increments; 0: none are sent";
+    framing: Framing, "framing of what goes out: 0 own, 1 MAVLink";
+    delay_us: u32, "from the time that a rate frame is of to the data-ready edge of its last sample, us";
 } }
 
 layout! { Programs {
@@ -102,6 +111,39 @@ layout! { align_mode::Report {
 layout! { InputsUsed {
     step: u32, "number of the model step";
     values: [f32; QUANTITIES], "values by number of the quantity, in its unit; NaN where there was none";
+} }
+
+layout! { IncrementFrame {
+    sample: u32, "sample times from start to its last sample; the interval begins at that of the message before";
+    tick: u32, "timer tick at which the interval ends";
+    ticks: u32, "its length, ticks";
+    axis_status: [AxisStatus; AXES], "status of each axis, worst over the samples";
+    unit_status: UnitStatus, "status of the unit";
+    angle_rad: [f32; AXES], "increments of angle, corrected for coning, rad";
+    velocity_mps: [f32; AXES], "increments of velocity, corrected for rotation and sculling, m/s; NaN: no accelerometer there, or at its end of scale";
+} }
+
+layout! { TimeMark {
+    tick: u32, "timer tick of the last pulse per second";
+    week: u16, "GPS week of that pulse, counted on";
+    second: u32, "second of the week";
+    std_ns: u32, "standard deviation of that, ns";
+    leap_s: u8, "leap seconds, GPS time less UTC; 255: not known";
+    quality: u8, "1 coasting without pulses, 2 counted by pulses, 3 by pulses and messages";
+} }
+
+layout! { GnssTime {
+    week: u16, "GPS week of the last pulse per second, counted on";
+    second: u32, "second of the week";
+    std_ns: u32, "standard deviation of the pulse, ns";
+    leap_s: u8, "leap seconds, GPS time less UTC; 255: not known";
+} }
+
+layout! { OutputSettings {
+    filter: Filter, "filter from samples to frames: 0 means, 1 linear phase";
+    decimation: u16, "samples per rate frame, 1 to 1000";
+    increments: u16, "samples per message of increments, 1 to 50; 0: none";
+    framing: Framing, "framing of what goes out: 0 own, 1 MAVLink";
 } }
 
 layout! { InputValues {
@@ -306,6 +348,8 @@ pub const MESSAGES: &[Table] = &[
     Table { name: "inputs used", lead: &[0x06], fields: InputsUsed::FIELDS },
     Table { name: "stopped", lead: &[0x07], fields: Stopped::FIELDS },
     Table { name: "programs", lead: &[0x08], fields: Programs::FIELDS },
+    Table { name: "increments", lead: &[0x09], fields: IncrementFrame::FIELDS },
+    Table { name: "time mark", lead: &[0x0A], fields: TimeMark::FIELDS },
     Table { name: "identify", lead: &[0x80], fields: &[] },
     Table { name: "set decimation", lead: &[0x81], fields: Decimation::FIELDS },
     Table { name: "align", lead: &[0x82], fields: Align::FIELDS },
@@ -325,5 +369,7 @@ pub const MESSAGES: &[Table] = &[
     Table { name: "maintain: commit", lead: &[0x83, 13], fields: Commit::FIELDS },
     Table { name: "maintain: roll back", lead: &[0x83, 14], fields: &[] },
     Table { name: "maintain: echo", lead: &[0x83, 15], fields: Echo::FIELDS },
+    Table { name: "maintain: output", lead: &[0x83, 16], fields: OutputSettings::FIELDS },
     Table { name: "inputs", lead: &[0x84], fields: InputValues::FIELDS },
+    Table { name: "gnss time", lead: &[0x85], fields: GnssTime::FIELDS },
 ];

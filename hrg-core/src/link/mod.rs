@@ -18,14 +18,18 @@ mod codec;
 mod deframe;
 pub mod layouts;
 
-pub use codec::RATE_FRAME;
+pub use codec::{FAST_FRAME, RATE_FRAME};
 pub use deframe::Deframer;
 
 use crate::align_mode;
 use crate::compensator::Output;
+use crate::filter::Filter;
 use crate::frequency::StepFrequencies;
+use crate::gnss::{GnssTime, TimeMark};
+use crate::increments::IncrementFrame;
 use crate::inputs::{InputValues, QUANTITIES};
 use crate::maintenance;
+use crate::output::{Framing, OutputSettings};
 use crate::rate_path::{RateFrame, Summary};
 use crate::reset::ResetCause;
 use crate::status::{AxisStatus, UnitStatus};
@@ -171,9 +175,26 @@ pub struct Identity {
     pub resets: u16,
     /// Option bytes of the processor ([`crate::option_bytes`]).
     pub option_bytes: u32,
+    /// Filter from samples to frames.
+    pub filter: Filter,
+    /// Samples per rate frame.
+    pub decimation: u16,
+    /// Samples per message of increments; 0: none are sent.
+    pub increments: u16,
+    /// Framing of what goes out.
+    pub framing: Framing,
+    /// From the time that a rate frame is of to the data-ready edge of its last sample, us.
+    pub delay_us: u32,
 }
 
 impl Identity {
+    /// The same of a unit that sends by these settings.
+    #[must_use]
+    pub fn with_output(self, settings: OutputSettings) -> Self {
+        let OutputSettings { filter, decimation, increments, framing } = settings;
+        Self { filter, decimation, increments, framing, delay_us: filter.delay_us(decimation), ..self }
+    }
+
     /// The unit's name as text.
     #[must_use]
     pub fn unit_name(&self) -> &str {
@@ -225,6 +246,12 @@ pub enum Message {
     Stopped(Stopped),
     /// Unit to host: its programs (answer to [`Identify`](Self::Identify), behind [`Identity`](Self::Identity)).
     Programs(Programs),
+    /// Unit to host: increments of angle and velocity, where they are asked for.
+    Increments(IncrementFrame),
+    /// Unit to host: each second, once GNSS time is known.
+    TimeMark(TimeMark),
+    /// Host to unit: GNSS time of the last pulse per second.
+    GnssTime(GnssTime),
 }
 
 /// Why bytes are not a message.
@@ -297,15 +324,19 @@ mod tests {
                 .with_integrity(),
             ),
             Message::Housekeeping(housekeeping()),
-            Message::Identity(Identity {
-                unit: UnitName::new("aaaaaaaaaaaaaaaa"),
-                calibration: 1,
-                created_unix_s: 2,
-                sequence: 3,
-                reset_cause: ResetCause::Pin,
-                resets: 4,
-                option_bytes: 0x0FFF_AAED,
-            }),
+            Message::Identity(
+                Identity {
+                    unit: UnitName::new("aaaaaaaaaaaaaaaa"),
+                    calibration: 1,
+                    created_unix_s: 2,
+                    sequence: 3,
+                    reset_cause: ResetCause::Pin,
+                    resets: 4,
+                    option_bytes: 0x0FFF_AAED,
+                    ..Identity::default()
+                }
+                .with_output(OutputSettings::default()),
+            ),
             Message::Identify,
             Message::SetDecimation(5),
             Message::Alignment(align_mode::Report {
@@ -355,6 +386,20 @@ mod tests {
         ]
     }
 
+    /// Those of what is sent.
+    fn of_outputs() -> [Message; 4] {
+        let frame = IncrementFrame { sample: 9, ticks: 450_000, angle_rad: [1e-3; 3], ..IncrementFrame::default() };
+        [
+            Message::Increments(frame.with_integrity()),
+            Message::TimeMark(TimeMark { tick: 1, week: 2394, second: 3, std_ns: 4, leap_s: 18, quality: 3 }),
+            Message::GnssTime(GnssTime { week: 2394, second: 604_799, std_ns: 20, leap_s: 18 }),
+            Message::Maintain(maintenance::Command::Output(OutputSettings {
+                increments: 5,
+                ..OutputSettings::default()
+            })),
+        ]
+    }
+
     /// Those of an update.
     fn of_updates() -> [Message; 6] {
         [
@@ -380,7 +425,7 @@ mod tests {
     #[test]
     fn every_message_there_and_back() {
         let mut d = Deframer::default();
-        for m in messages().into_iter().chain(of_updates()) {
+        for m in messages().into_iter().chain(of_updates()).chain(of_outputs()) {
             let bytes = m.encode();
             assert_eq!(bytes.iter().filter(|&&b| b == 0).count(), 1, "one zero, at the end");
             let mut got = None;
@@ -388,6 +433,31 @@ mod tests {
                 got = got.or(d.push(b));
             }
             assert_eq!(got, Some(Ok(m)));
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn whatever_is_in_a_frame_comes_back_by_the_library_s_decoder(
+            words in proptest::collection::vec(prop_oneof![Just(0u32), any::<u32>(), 0u32..256], 13),
+        ) {
+            let f = |k: usize| f32::from_bits(words[k]);
+            let rate = RateFrame { sample: words[0], tick: words[1], step: words[2], rate_dph: [f(3), f(4), f(5)], ..RateFrame::default() };
+            let more = IncrementFrame {
+                sample: words[6],
+                ticks: words[7],
+                angle_rad: [f(8), f(9), f(10)],
+                velocity_mps: [f(11), f(12), 0.0],
+                ..IncrementFrame::default()
+            };
+            // One behind the other in one buffer, as a unit sends them.
+            let mut wire: heapless::Vec<u8, { 2 * FAST_FRAME }> = heapless::Vec::new();
+            Message::encode_rate(&rate, &mut wire);
+            Message::encode_increments(&more, &mut wire);
+            let mut d = Deframer::default();
+            let got: heapless::Vec<Message, 2> = wire.iter().filter_map(|b| d.push(*b)).map(|m| m.expect("valid")).collect();
+            let bits = |m: &Message| m.encode();
+            prop_assert_eq!(got.iter().map(bits).collect::<heapless::Vec<_, 2>>(), [bits(&Message::Rate(rate)), bits(&Message::Increments(more))]);
         }
     }
 

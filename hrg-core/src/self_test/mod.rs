@@ -232,7 +232,7 @@ pub const MOST_OFFSET: f32 = FULL_SCALE / 1200.0;
 pub const TEST_LEVEL: f32 = FULL_SCALE * 2.0 / 15.0;
 /// Its share may be off by so much: offset, gain error of the ADC, and the resistors that make the voltage.
 pub const GAIN_TOLERANCE: f32 = 0.02;
-/// Noise of shorted inputs: ten times that of the data sheet at 1 kSPS and gain 1, some 4 uV.
+/// Noise of shorted inputs: some six times that of the data sheet with an oversampling of 1024 and gain 1.
 pub const MOST_NOISE: f32 = 280.0;
 /// Least noise, of shorted inputs and of a rate: less than a single step of one code in the course. An ADC of 24 bits whose codes stand still
 /// does not convert.

@@ -12,6 +12,7 @@ pub mod bring_up;
 pub mod chip_tests;
 pub mod cost;
 pub mod host;
+pub mod motion;
 pub mod replay;
 pub mod serve;
 pub mod twin;

@@ -11,13 +11,16 @@ use hrg_core::calibration::Calibration;
 use hrg_core::chip::Factory;
 use hrg_core::compensator::Output;
 use hrg_core::frequency::{Config, CounterBank, StepFrequencies, GATES_PER_STEP};
+use hrg_core::gnss::GnssClock;
 use hrg_core::history::{History, Settling};
 use hrg_core::inputs::{Channel, InputBank, CHIP_C, CHIP_V};
 use hrg_core::link::{Deframer, Identity, InputsUsed, Message};
+use hrg_core::maintenance;
+use hrg_core::output::OutputSettings;
 use hrg_core::parts::Parts;
 use hrg_core::pps::{self, Pps};
 use hrg_core::rate_output::RateOutput;
-use hrg_core::rate_path::{PendingBias, RatePath, DECIMATION};
+use hrg_core::rate_path::{PendingBias, RatePath};
 use hrg_core::sensors::{with_readings, Platinum, SensorBank, Window};
 use hrg_core::status::UnitStatus;
 use hrg_core::telemetry::Telemetry;
@@ -92,6 +95,11 @@ pub struct Twin {
     pub housekeeping: VecDeque<Message>,
     /// Messages of the inputs used that the unit owes.
     pub inputs_used: VecDeque<Message>,
+    /// Increments that the unit owes.
+    pub increments: VecDeque<Message>,
+    /// Pulses in GNSS time that the unit owes.
+    pub marks: VecDeque<Message>,
+    gnss: GnssClock,
     /// Of the processor, by second.
     ambient: Vec<Ambient>,
 }
@@ -112,7 +120,11 @@ impl Twin {
             Box::new(NotBuiltIn::IDLE)
         };
         session.set_accelerometers(calibration.accelerometers);
-        let path = RatePath::new(timebase, calibration.scale_factors_dph_per_code(), DECIMATION);
+        let settings = OutputSettings::default();
+        // (Three accelerometers, or two where channels 5 to 7 are other things: `with_sensors`.)
+        let accelerometers = if parts.contains(Parts::AUX) { 2 } else { 3 };
+        let path = RatePath::new(timebase, calibration.scale_factors_dph_per_code(), settings.decimation)
+            .with_output(settings, accelerometers);
         let default = start_status.contains(UnitStatus::DEFAULT_CALIBRATION);
         let identity = Identity {
             unit: calibration.unit,
@@ -145,6 +157,9 @@ impl Twin {
             rates: VecDeque::new(),
             housekeeping: VecDeque::new(),
             inputs_used: VecDeque::new(),
+            increments: VecDeque::new(),
+            marks: VecDeque::new(),
+            gnss: GnssClock::new(timebase),
             ambient: Vec::new(),
         }
     }
@@ -160,6 +175,7 @@ impl Twin {
     #[must_use]
     pub fn with_sensors(mut self) -> Self {
         self.sensors = Some((SensorBank::new(self.timebase), None));
+        self.output.set_accelerometers(2);
         self
     }
 
@@ -188,6 +204,8 @@ impl Twin {
             let at = self.bank.close_tick();
             if let Some(step) = self.bank.poll(at as u32) {
                 let (mut step, report) = self.pps.second(step);
+                self.hear();
+                self.marks.extend(self.gnss.mark(at as u32, self.pps.correction()).map(Message::TimeMark));
                 let window = self.sensors.as_mut().and_then(|(_, window)| window.take());
                 if self.sensors.is_some() && !self.aux {
                     step = with_readings(step, window.as_ref(), &Platinum::PT1000);
@@ -227,6 +245,7 @@ impl Twin {
     pub fn pulsed(&mut self, stamp: u32) {
         self.advance(stamp);
         self.pps.pulse(stamp);
+        self.gnss.pulse(stamp);
     }
 
     /// A byte arrives at the unit, at a time in cycles.
@@ -240,6 +259,8 @@ impl Twin {
             self.link.pop_front();
             match self.deframer.push(byte) {
                 Some(Ok(Message::Align(command))) => self.commands.push(command),
+                Some(Ok(Message::GnssTime(time))) => self.gnss.set(time, self.now as u32),
+                Some(Ok(Message::Maintain(maintenance::Command::Output(settings)))) => self.output.set_output(settings),
                 Some(Ok(Message::Inputs(values))) => self.inputs.iter_mut().for_each(|bank| bank.receive(&values)),
                 _ => {}
             }
@@ -266,13 +287,16 @@ impl Twin {
         if let Some((bank, window)) = self.sensors.as_mut().filter(|_| codes.is_ok()) {
             *window = bank.push(stamp, received.sensors()).or(*window);
         }
+        self.hear();
         let rates = &mut self.rates;
         let send = |frame| {
             rates.push_back(Message::Rate(frame));
             true
         };
         // The digital twin's memory does not change by itself, and its queue takes everything.
-        let Ok(Some(second)) = self.output.sample(stamp, codes, send) else { return };
+        let second = self.output.sample(stamp, codes, send);
+        self.increments.extend(self.output.increments().map(Message::Increments));
+        let Ok(Some(second)) = second else { return };
         self.commands();
         if let Some((step, output, report)) = self.steps.pop_front() {
             self.telemetry.set_pps(report);

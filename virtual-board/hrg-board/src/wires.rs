@@ -1,10 +1,14 @@
 //! Signals on the wires of the board while a recording is played: resonator edges, ADC codes, the link.
 
+use crate::motion::{adc_filter, Motion};
 use crate::twin::{ambient, Twin};
 use hrg_align::session::ACCELEROMETER_SCALE;
 use hrg_core::align_mode::Report;
+use hrg_core::gnss::TimeMark;
+use hrg_core::increments::IncrementFrame;
 use hrg_core::inputs::{Channel, InputValues, QuantitySet, IN_MESSAGE};
 use hrg_core::link::{Deframer, Housekeeping, InputsUsed, Message};
+use hrg_core::output::OutputSettings;
 use hrg_core::rate_path::RateFrame;
 use hrg_data::log::Decoder;
 use hrg_data::recording::steps::Steps;
@@ -85,6 +89,10 @@ pub struct Received {
     pub rate_at: Vec<u64>,
     /// From the data-ready edge of its last sample to that, cycles.
     pub delay_cycles: Vec<u32>,
+    /// Increments.
+    pub increments: Vec<IncrementFrame>,
+    /// Pulses in GNSS time, each with the time at which its message was on the link, cycles.
+    pub marks: Vec<(TimeMark, u64)>,
     /// Time at which the last bit of each housekeeping frame was on the link, cycles.
     pub housekeeping_at: Vec<u64>,
     /// Housekeeping.
@@ -163,7 +171,13 @@ pub struct Wires {
     faults: WireFaults,
     /// Time (s) from which, and increments of velocity second by second.
     accelerations: Option<(f64, Vec<[f64; 2]>)>,
-    acceleration_carry: [f64; 2],
+    acceleration_carry: [f64; 3],
+    /// A motion from a time on, s, in the place of the recording's rates and accelerations, with the ADC's filter.
+    motion: Option<(Motion, f64, Vec<f64>)>,
+    /// Settings of what the unit sends, for the delay of its frames.
+    output: OutputSettings,
+    /// Number of the last sample of the rate frame before.
+    frame_before: Option<u32>,
     sensor_carry: [f64; 3],
     frames_out: u32,
     invalid: bool,
@@ -222,7 +236,10 @@ impl Wires {
             held: [0.0; 3],
             faults: WireFaults::default(),
             accelerations: None,
-            acceleration_carry: [0.0; 2],
+            acceleration_carry: [0.0; 3],
+            motion: None,
+            output: OutputSettings::default(),
+            frame_before: None,
             sensor_carry: [0.0; 3],
             frames_out: 0,
             invalid: false,
@@ -349,12 +366,41 @@ impl Wires {
         self
     }
 
+    /// From a time (s) on, the unit moves: rates and specific force are those of the motion.
+    pub fn set_motion(&mut self, motion: Motion, from_s: f64) {
+        self.motion = Some((motion, from_s, adc_filter()));
+    }
+
+    /// Settings of the unit's output: for the delay of its frames.
+    pub fn set_output(&mut self, settings: OutputSettings) {
+        self.output = settings;
+        self.frame_before = None;
+    }
+
+    /// Time of a tick of the unit's timer, s since power-on, within 23 s of now.
+    #[must_use]
+    pub fn seconds_at(&self, tick: u32) -> f64 {
+        let now = (self.now / CYCLES_PER_TICK) as u32;
+        let ago = now.wrapping_sub(self.zero_tick).wrapping_sub(tick) as i32;
+        self.now as f64 / CPU_HZ as f64 - f64::from(ago) * CYCLES_PER_TICK as f64 / CPU_HZ as f64
+    }
+
+    /// From the data-ready edge of a frame's last sample to `sent`, ticks: its tick is earlier by the delay of the filters.
+    fn delay_ticks(&mut self, frame: &RateFrame, sent: u32) -> u32 {
+        let since = self.frame_before.replace(frame.sample).map_or(0, |before| frame.sample.wrapping_sub(before));
+        let decimation = if (1..=1000).contains(&since) { since as u16 } else { self.output.decimation };
+        let halves = self.output.filter.delay_halves(decimation);
+        sent.wrapping_sub(frame.tick).wrapping_sub(halves * ((CPU_HZ / CYCLES_PER_TICK / 2000) as u32))
+    }
+
     fn compare(&mut self, message: &Message) {
         let Some(twin) = &mut self.observers.twin else { return };
         let queue = match message {
             Message::Rate(_) => &mut twin.rates,
             Message::Alignment(_) => &mut twin.alignment,
             Message::InputsUsed(_) => &mut twin.inputs_used,
+            Message::Increments(_) => &mut twin.increments,
+            Message::TimeMark(_) => &mut twin.marks,
             _ => &mut twin.housekeeping,
         };
         let Some(expected) = queue.pop_front() else {
@@ -464,6 +510,20 @@ impl World for Wires {
             self.carry[a] = (wanted - rounded).clamp(-1.0, 1.0);
             *code = rounded as i32;
         }
+        if let Some((motion, _, weights)) = self.motion.as_ref().filter(|(_, from, _)| t >= *from) {
+            let (rates, forces) = motion.sampled(weights, t);
+            for k in 0..3 {
+                let wanted = [rates[k] / f64::from(self.scale_dph[k]), forces[k] / ACCELEROMETER_SCALE];
+                for (code, (wanted, carry)) in [k, 3 + k]
+                    .into_iter()
+                    .zip(wanted.into_iter().zip([&mut self.carry[k], &mut self.acceleration_carry[k]]))
+                {
+                    let rounded = (wanted + *carry).round().clamp(-8_388_608.0, 8_388_607.0);
+                    *carry = (wanted + *carry - rounded).clamp(-1.0, 1.0);
+                    codes[code] = rounded as i32;
+                }
+            }
+        }
         if let Some((start, increments)) = &self.accelerations {
             // The seconds of the rate path end a little after those of the frequencies.
             let second = (t - start).floor();
@@ -511,6 +571,9 @@ impl World for Wires {
             (None, None) => {
                 let byte = self.coming.pop_front()?;
                 self.last_byte = (self.last_byte + BYTE_CYCLES).max(self.now + BYTE_CYCLES);
+                if let Some(twin) = &mut self.observers.twin {
+                    twin.link_in(self.last_byte, byte);
+                }
                 return Some((self.last_byte, byte));
             }
             (Some(planned), input) if input.is_none_or(|input| planned.0 < input.0) => {
@@ -595,8 +658,8 @@ impl World for Wires {
                     Message::Rate(r) => {
                         self.compare(&message);
                         let sent = ((cycles / CYCLES_PER_TICK) as u32).wrapping_sub(self.zero_tick);
-                        let delay = sent.wrapping_sub(r.tick).saturating_mul(CYCLES_PER_TICK as u32);
-                        self.received.delay_cycles.push(delay);
+                        let delay = self.delay_ticks(&r, sent);
+                        self.received.delay_cycles.push(delay.saturating_mul(CYCLES_PER_TICK as u32));
                         self.received.rate_at.push(cycles);
                         self.received.rates.push(r);
                     }
@@ -612,6 +675,14 @@ impl World for Wires {
                     Message::InputsUsed(used) => {
                         self.compare(&message);
                         self.received.inputs_used.push(used);
+                    }
+                    Message::Increments(increments) => {
+                        self.compare(&message);
+                        self.received.increments.push(increments);
+                    }
+                    Message::TimeMark(mark) => {
+                        self.compare(&message);
+                        self.received.marks.push((mark, cycles));
                     }
                     other => self.received.other.push(other),
                 },

@@ -5,6 +5,7 @@ use crate::unit::symbols::Symbols;
 use hrg_core::events::{Event, Record};
 use hrg_core::half::Half;
 use hrg_core::maintenance::Answer;
+use hrg_core::output::OutputSettings;
 use hrg_core::reset::Halt;
 use hrg_core::sectors::Place;
 use hrg_core::self_test::Check;
@@ -150,6 +151,10 @@ pub fn line(record: &Record) -> String {
             State::from_number(state).map_or("?", State::name)
         ),
         Event::Stopped(piece) => format!("word {} of the stop: {:08x}", piece.number, piece.value),
+        Event::Output { settings } => OutputSettings::from_word(settings).map_or_else(
+            || format!("output set to what this program does not know ({settings:#010x})"),
+            |s| format!("output set: {}", crate::unit::output::in_words(&s)),
+        ),
         Event::Lost { count: 0 } => "the log is full: what came after this was not written".into(),
         Event::Lost { .. } => "the log is nearly full: from here on only starts and burns were written".into(),
     };

@@ -1,12 +1,13 @@
 //! Everything that talks to a unit: its port ([`port`]), recordings from it ([`record`]), its log ([`mod@log`]), its screen
 //! ([`monitor`]), keys that sign its calibrations ([`keys`]), its field log ([`events`]) with names from its program ([`symbols`]), its constants in the field
-//! ([`zero`]), its built-in test ([`self_test`]), and sensors beside it ([`sensors`]).
+//! ([`zero`]), its built-in test ([`self_test`]), what it sends ([`output`]), and sensors beside it ([`sensors`]).
 
 pub mod align;
 pub mod events;
 pub mod keys;
 pub mod log;
 pub mod monitor;
+pub mod output;
 pub mod port;
 pub mod program;
 pub mod record;

@@ -11,6 +11,7 @@ use hrg_core::inputs;
 use hrg_core::inputs::LEAST_COUNTS_S;
 use hrg_core::link::{Deframer, Housekeeping, Identity, Message};
 use hrg_core::maintenance::{chunks, Answer, Command, Reply, CHUNK, LOG_PAGE};
+use hrg_core::output::OutputSettings;
 use hrg_core::sectors::{Place, PAGE};
 use hrg_core::self_test::{Check, Item};
 use hrg_core::status::{AxisStatus, UnitStatus};
@@ -543,6 +544,18 @@ impl Unit {
         let identity = self.reconnect(Duration::ZERO)?;
         self.done(Command::Open(identity.unit), "maintenance mode")?;
         let taken = self.done(Command::Zero(*zero), "the constants");
+        self.done(Command::Close, "maintenance mode")?;
+        taken.map(drop)
+    }
+
+    /// Has the unit send by these settings from now on, over power cuts.
+    ///
+    /// # Errors
+    /// As [`set_zero`](Self::set_zero).
+    pub fn set_output(&mut self, settings: &OutputSettings) -> Result<()> {
+        let identity = self.reconnect(Duration::ZERO)?;
+        self.done(Command::Open(identity.unit), "maintenance mode")?;
+        let taken = self.done(Command::Output(*settings), "the settings");
         self.done(Command::Close, "maintenance mode")?;
         taken.map(drop)
     }

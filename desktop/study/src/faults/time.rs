@@ -1,6 +1,7 @@
 //! A year of time stamps through the core, in jumps from wrap to wrap.
 
 use super::{Extent, Report};
+use hrg_core::filter::Filter;
 use hrg_core::frequency::{Config, CounterBank, GATES_PER_STEP, SETTLE_US};
 use hrg_core::rate_path::{PendingBias, RatePath, BIAS_DELAY_MS};
 use hrg_core::status::AxisStatus;
@@ -71,11 +72,13 @@ fn leap(every: u64) -> Found {
                 if let Some(f) = path
                     .sample(
                         next_sample as u32,
-                        [next_sample as i32 & 3, 1 + (next_sample as i32 & 4), next_sample as i32 & 8, 0, 0],
+                        [next_sample as i32 & 3, 1 + (next_sample as i32 & 4), next_sample as i32 & 8, 0, 0, 0],
                     )
                     .frame
                 {
-                    found.off += u64::from(f.tick != next_sample as u32);
+                    // (A frame is of the middle of its samples, and of 1.5 ms before by the ADC's filter.)
+                    let late = Filter::Mean.delay_halves(5) * (TICKS / 2000) as u32;
+                    found.off += u64::from(f.tick.wrapping_add(late) != next_sample as u32);
                     // After the first bias of this neighbourhood no age is wrong.
                     found.off += u64::from(good > 1 && f.axis_status != [AxisStatus::empty(); 3]);
                 }

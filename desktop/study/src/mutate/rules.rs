@@ -137,10 +137,11 @@ const RAISED: [&str; 9] =
 /// reason. (SBAS950 section 8.6.)
 const SETTING_RULES: &[(u8, u16, &str)] = &[
     (0x02, 0xC0E0, "reserved bits of the ADC's registers (SBAS950 section 8.6)"),
-    (0x02, 1 << 13, "a checksum of the ADC's registers that nobody looks at (SBAS950 section 8.6)"),
+    (0x02, 1 << 13, "the ADC's own watch over its registers: the exam changes none of them behind the unit's back; the campaign of faults does, and the test of all settings holds it against the data sheet (SBAS950 section 8.6)"),
     (0x02, 1 << 10, "a flag that a write of 1 does not change (SBAS950 section 8.6)"),
     (0x02, 0b1101, "the edge of DRDY is the same: all channels have the same phase, and it falls with each sample (SBAS950 section 8.5.1)"),
     (0x02, 1 << 4, "without the time-out an ADC whose frame was cut short waits for the next fall of its chip select (SBAS950 section 8.5.1)"),
+    (0x03, 0x0003, "at 2.048 MHz the ADC's modulator is fast enough in each power mode (SBAS950 section 6.3)"),
     (0x03, 1 << 7, "the ADC's clock comes from an oscillator: its own for a crystal may be on (SBAS950 section 8.6)"),
     (0x06, 0xE000, "reserved bits of the ADC's registers (SBAS950 section 8.6)"),
     (0x06, 0x1E00, "the delay of the global chop, which is off (SBAS950 section 8.6)"),

@@ -29,6 +29,7 @@ mod judge;
 mod lag;
 mod log;
 mod merge;
+mod output;
 mod points;
 mod profile;
 mod program;
@@ -249,6 +250,10 @@ enum UnitCommand {
     ///
     /// Example: hrg unit zero --port /dev/ttyUSB0 --latitude 48.1 --axes "x=north y=east z=down"
     Zero(chamber::ZeroArguments),
+    /// Show or set what a unit sends: filter, frames a second, increments of angle and velocity, framing. It is stored in the unit.
+    ///
+    /// Example: hrg unit output --port /dev/ttyUSB0 --increments 5
+    Output(output::Arguments),
     /// Have a unit test itself, and test its link: PASS or FAIL (exit status 0, 3).
     ///
     /// Example: hrg unit test --port /dev/ttyUSB0 --against run.csv
@@ -414,6 +419,7 @@ fn run(command: Command, status: &mut ExitCode) -> Result<()> {
         Command::Unit(UnitCommand::Image(arguments)) | Command::Image(arguments) => chamber::image(&arguments),
         Command::Unit(UnitCommand::Events(arguments)) => chamber::events(&arguments),
         Command::Unit(UnitCommand::Zero(arguments)) => chamber::renew(&arguments),
+        Command::Unit(UnitCommand::Output(arguments)) => output::run(&arguments),
         Command::Unit(UnitCommand::Update(arguments)) => program::update(&arguments),
         Command::Unit(UnitCommand::Pack(arguments)) => program::pack(&arguments),
         Command::Unit(UnitCommand::Test(arguments)) => {
