@@ -42,6 +42,15 @@ async fn seldom() -> Message {
     }
 }
 
+/// Stops the unit where what came out of the queue has changed in memory.
+#[inline(never)]
+fn must_be_intact(fast: &Fast) {
+    if !fast.intact() {
+        defmt::error!("a frame has changed in memory");
+        halt(Halt::Corruption)
+    }
+}
+
 /// Appends a message of the rate path in the link's own framing.
 fn append(fast: &Fast, bytes: &mut heapless::Vec<u8, { hrg_fast::FAST }>) {
     match fast {
@@ -58,11 +67,8 @@ pub async fn send(mut uart: UartTx<'static, Async>) {
     let mut mavlink = Mavlink::default();
     loop {
         let message = match select4(FRAMES.receive(), ANSWER.wait(), HOUSEKEEPING.wait(), seldom()).await {
-            Either4::First(fast) if !fast.intact() => {
-                defmt::error!("a frame has changed in memory");
-                halt(Halt::Corruption)
-            }
             Either4::First(fast) => {
+                must_be_intact(&fast);
                 #[cfg(feature = "mavlink")]
                 if channels::sent().framing == Framing::Mavlink {
                     if let Some(packet) = mavlink.fast(&fast) {
@@ -75,9 +81,7 @@ pub async fn send(mut uart: UartTx<'static, Async>) {
                 let mut bytes = heapless::Vec::new();
                 append(&fast, &mut bytes);
                 if let Ok(next) = FRAMES.try_receive() {
-                    if !next.intact() {
-                        halt(Halt::Corruption)
-                    }
+                    must_be_intact(&next);
                     append(&next, &mut bytes);
                 }
                 let _ = uart.write(&bytes).await;
@@ -90,6 +94,9 @@ pub async fn send(mut uart: UartTx<'static, Async>) {
         };
         #[cfg(feature = "mavlink")]
         if channels::sent().framing == Framing::Mavlink {
+            if mavlink.keep(&message) {
+                continue;
+            }
             if let Some(packet) = mavlink.seldom(&message) {
                 let _ = uart.write(&packet).await;
                 LINK_ALIVE.give();
@@ -127,20 +134,20 @@ impl Mavlink {
         Some(self.encoder.imu(&Imu { time_us, rate_rads, force_mps2, temperature_c: self.temperature_c }))
     }
 
-    /// A heartbeat in the place of housekeeping; the time is kept. `None`: it goes out in the unit's own framing, as it was asked for.
-    fn seldom(&mut self, message: &Message) -> Option<heapless::Vec<u8, { mavlink::LONGEST }>> {
-        match message {
-            Message::Housekeeping(h) => {
-                self.correction = 1e-9 * f64::from(h.clock_ppb);
-                self.temperature_c = h.temperature_c.first().copied().filter(|t| t.is_finite());
-                Some(self.encoder.heartbeat(h.unit_status.is_empty()))
-            }
-            Message::TimeMark(mark) => {
-                self.mark = Some(*mark);
-                Some(heapless::Vec::new())
-            }
-            _ => None,
+    /// Keeps the time that a message tells; `true`: nobody has asked for the message, and it goes out in no other way.
+    fn keep(&mut self, message: &Message) -> bool {
+        if let Message::TimeMark(mark) = message {
+            self.mark = Some(*mark);
         }
+        matches!(message, Message::TimeMark(_) | Message::InputsUsed(_))
+    }
+
+    /// A heartbeat in the place of housekeeping. `None`: the message goes out in the unit's own framing, as it was asked for.
+    fn seldom(&mut self, message: &Message) -> Option<heapless::Vec<u8, { mavlink::LONGEST }>> {
+        let Message::Housekeeping(h) = message else { return None };
+        self.correction = 1e-9 * f64::from(h.clock_ppb);
+        self.temperature_c = h.temperature_c.first().copied().filter(|t| t.is_finite());
+        Some(self.encoder.heartbeat(h.unit_status.is_empty()))
     }
 }
 

@@ -70,10 +70,7 @@ use hrg_core::events::{self, Record, Store as _};
 use hrg_core::link::Identity;
 use hrg_core::maintenance::Maintenance;
 use hrg_core::option_bytes::{self, Difference};
-#[cfg(feature = "field-log")]
 use hrg_core::output;
-#[cfg(not(feature = "field-log"))]
-use hrg_core::output::OutputSettings;
 use hrg_core::parts::Parts;
 use hrg_core::reset::ResetCause;
 use hrg_core::sectors;
@@ -184,7 +181,10 @@ fn rates(sectors: &maintain::Sectors, calibration: &Calibration, status: UnitSta
     #[cfg(feature = "field-log")]
     let sent = output::newest(events::records(sectors.log())).unwrap_or_default();
     #[cfg(not(feature = "field-log"))]
-    let sent = OutputSettings::default();
+    let sent = output::OutputSettings::default();
+    // (A program with that framing may have stored it.)
+    #[cfg(not(feature = "mavlink"))]
+    let sent = output::OutputSettings { framing: output::Framing::Own, ..sent };
     rate::Start { sent, scale_dph: calibration.scale_factors_dph_per_code(), status }
 }
 
@@ -195,7 +195,8 @@ fn maintenance(identity: &Identity, place: Option<sectors::Place>) -> &'static m
         .with_key(maintain::KEY)
         .with_inputs(params::INPUTS)
         .with_log(cfg!(feature = "field-log"))
-        .with_test(cfg!(feature = "self-test"));
+        .with_test(cfg!(feature = "self-test"))
+        .with_mavlink(cfg!(feature = "mavlink"));
     once(MAINTENANCE.try_init(maintenance))
 }
 

@@ -19,13 +19,11 @@
 
 use crate::aligner::Aligner;
 use crate::{normal_gravity, Begin, Config, Estimate, Refusal, ARCMIN, DEGREE, DPH};
-use hrg_core::accelerometers::Accelerometers;
+use hrg_core::accelerometers::{Accelerometers, MPS2_PER_CODE};
 use hrg_core::align_mode::{AlignMode, Command, Report, Stage};
 use hrg_core::rate_path::Summary;
 use hrg_core::AXES;
 
-/// Scale of the accelerometer channels, m/s^2 per code: 2 g at the end of 24 bits.
-pub const ACCELEROMETER_SCALE: f64 = hrg_core::accelerometers::MPS2_PER_CODE;
 /// Time of one sample, s.
 const SAMPLE_S: f64 = 1e-3;
 /// Share of a second's samples that may be missing.
@@ -206,7 +204,7 @@ impl<F: Begin> Session<F> {
             let mut velocity = [0.0; 2];
             for k in 0..2 {
                 self.codes[k] += summary.accelerometer_codes[k] as f64 * filled;
-                velocity[k] = self.codes[k] * (ACCELEROMETER_SCALE * SAMPLE_S);
+                velocity[k] = self.codes[k] * (MPS2_PER_CODE * SAMPLE_S);
             }
             self.position_s += 1.0;
             aligner.step(self.accelerometers.correct(velocity, self.position_s));

@@ -270,10 +270,11 @@ impl<P: Past> Model<P> {
                     output.status[k] |= AxisStatus::UNCALIBRATED;
                 }
             }
-            if let Some(rates) = self.calibration.rates.as_ref().filter(|_| now.age == 0 && now.known) {
+            let fresh = now.age == 0 && now.known;
+            if let Some(rates) = self.calibration.rates.as_ref().filter(|_| fresh) {
                 (self.scale[k], self.coupling[k], self.factor_status[k]) = rates[k].at(scaling, &now.state);
             }
-            if let Some(all) = self.calibration.specific_force.as_ref().filter(|_| now.age == 0 && now.known) {
+            if let Some(all) = self.calibration.specific_force.as_ref().filter(|_| fresh) {
                 let (bias, scale, coupling, status) = all[k].at(scaling, &now.state);
                 self.force[k] = (bias, scale, coupling);
                 self.force_outside[k] = !status.is_empty();

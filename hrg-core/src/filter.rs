@@ -4,7 +4,7 @@
 //! | [`Filter`] | frames | pass band | -3 dB | stop band | delay |
 //! |---|---|---|---|---|---|
 //! | `LinearPhase` | of 5 samples (200 Hz) | flat to 0.1 dB to 60 Hz | 79 Hz | 80 dB from 130 Hz on | 28 ms |
-//! | `Mean`, and any other number of samples `n` | means | none | 443 Hz / `n` | none: 13 dB beside its zeros | (`n` + 2) / 2 ms |
+//! | `Mean`, and any other number of samples `n` | means | none | 262 Hz (`n` = 1), 86 Hz (5), 442 Hz / `n` (from 20 on) | none: 13 dB beside its zeros | (`n` + 2) / 2 ms |
 //!
 //! All of it with the ADC's own filter, a sinc3 over one sample time (data sheet SBAS950), whose droop the pass band makes up for. What folds
 //! back round 1 kHz is 72 dB down by the sinc3 alone. The coefficients are integers whose sum is 2^22, and codes are integers too: a constant code comes out
@@ -21,7 +21,7 @@
 //! let design = Filter::LinearPhase.design(5).expect("200 Hz");
 //! let mut samples = Samples::default();
 //! let mut frame = |_| {
-//!     samples.push(Some(design), false, &[1000, -7, 0, 0, 0, 0]);
+//!     samples.push(true, false, &[1000, -7, 0, 0, 0, 0]);
 //!     (samples.of_frame() == 5).then(|| samples.frame(design).expect("intact")).flatten()
 //! };
 //! let mut frames = (0..200).filter_map(&mut frame);
@@ -31,9 +31,6 @@
 
 use crate::rate_path::CHANNELS;
 use crate::AXES;
-
-/// Frames that a sample is part of.
-pub const FRAMES: usize = 11;
 
 /// Bits of the sum of the coefficients.
 const BITS: u32 = 22;
@@ -58,8 +55,8 @@ pub enum Filter {
 pub struct Design {
     /// Samples per frame.
     decimation: u16,
-    /// Coefficients of the samples, newest first.
-    taps: &'static [i32],
+    /// Coefficients of the samples: [`KEPT`] of them.
+    taps: &'static [i32; KEPT],
 }
 
 /// All coefficients of a symmetrical filter, from those of one half.
@@ -74,8 +71,9 @@ const fn whole<const HALF: usize, const ALL: usize>(half: [i32; HALF]) -> [i32; 
     all
 }
 
-/// From 1 kHz to 200 Hz.
-static HZ60: Design = Design { decimation: 5, taps: &TAPS_60 };
+/// Samples per frame from 1 kHz to 200 Hz.
+const HZ60_SAMPLES: u16 = 5;
+static HZ60: Design = Design { decimation: HZ60_SAMPLES, taps: &TAPS_60 };
 static TAPS_60: [i32; 54] = whole([
     734889, 656835, 516841, 342895, 167644, 20395, -79378, -125328, -123726, -89742, -42009, 2732, 33404, 45987, 42637,
     29288, 12821, -1238, -9925, -12877, -11540, -8070, -4378, -1619, -120, 364, 370,
@@ -105,7 +103,7 @@ impl Filter {
     #[must_use]
     pub const fn design(self, decimation: u16) -> Option<&'static Design> {
         match (self, decimation) {
-            (Self::LinearPhase, 5) => Some(&HZ60),
+            (Self::LinearPhase, HZ60_SAMPLES) => Some(&HZ60),
             _ => None,
         }
     }
@@ -128,16 +126,11 @@ impl Filter {
     }
 }
 
-impl Design {
-    /// Frames that a sample is part of.
-    #[must_use]
-    pub const fn frames(&self) -> usize {
-        self.taps.len().div_ceil(self.decimation as usize)
-    }
-}
-
 /// Samples that are kept: those of the filter.
 pub const KEPT: usize = TAPS_60.len();
+
+/// Frames of the filter that a sample is part of.
+pub const FRAMES: usize = KEPT.div_ceil(HZ60_SAMPLES as usize);
 
 /// Place of the next sample; samples since the last frame, since the last message of increments, and since the start as far as they matter: a byte each,
 /// the place in the lowest.
@@ -198,19 +191,21 @@ struct Sums {
 }
 
 impl Sums {
-    /// Adds samples with their coefficients.
+    /// Of samples with their coefficients.
     #[inline(always)]
-    fn add(&mut self, codes: &[[i32; CHANNELS]], taps: &[i32]) {
+    fn of(codes: &[[i32; CHANNELS]], taps: &[i32]) -> Self {
+        let mut sums = Self::default();
         // (Axis by axis: three sums of 64 bits at once do not stay in the processor's registers.)
-        for (k, product) in self.products.iter_mut().enumerate() {
+        for (k, product) in sums.products.iter_mut().enumerate() {
             let (mut sum, mut check) = (0, 0i32);
             for (codes, tap) in codes.iter().zip(taps) {
                 sum += i64::from(*tap) * i64::from(codes[k]);
                 check = check.wrapping_add(codes[k]);
             }
             *product = sum;
-            self.codes = self.codes.wrapping_add(check);
+            sums.codes = sums.codes.wrapping_add(check);
         }
+        sums
     }
 }
 
@@ -245,13 +240,12 @@ impl Samples {
         self.counts.of_increments()
     }
 
-    /// Takes a sample.
+    /// Takes a sample, which counts for the frame, for the increments, or for both.
     #[inline(always)]
-    pub fn push(&mut self, design: Option<&Design>, increments: bool, codes: &[i32; CHANNELS]) {
+    pub fn push(&mut self, frame: bool, increments: bool, codes: &[i32; CHANNELS]) {
         let at = self.counts.at();
-        // The one that leaves the window of a frame.
-        let leaves = at + KEPT - design.map_or(1, |d| d.taps.len());
-        let left = self.codes.get(leaves).map_or(0, of_rates);
+        // The one that leaves the window of a frame: it gives its place to the new one.
+        let left = self.codes.get(at).map_or(0, of_rates);
         for place in [at, at + KEPT] {
             if let Some(place) = self.codes.get_mut(place) {
                 *place = *codes;
@@ -259,8 +253,8 @@ impl Samples {
         }
         self.frame_sum = self.frame_sum.wrapping_add(of_rates(codes)).wrapping_sub(left);
         self.increments_sum = self.increments_sum.wrapping_add(of_all(codes));
-        self.counts = self.counts.next(design.is_some(), increments);
-        self.inverse = !Counts(!self.inverse).next(design.is_some(), increments).0;
+        self.counts = self.counts.next(frame, increments);
+        self.inverse = !Counts(!self.inverse).next(frame, increments).0;
     }
 
     /// The counts, of which one begins anew; whether they were intact.
@@ -286,13 +280,11 @@ impl Samples {
     #[inline(always)]
     pub fn frame(&mut self, design: &Design) -> Result<Option<[f32; AXES]>, Changed> {
         let (counts, intact) = self.begin(1);
-        let length = design.taps.len();
-        let mut sums = Sums::default();
-        sums.add(self.last(counts, length), design.taps);
+        let sums = Sums::of(self.last(counts, KEPT), design.taps);
         if !intact || sums.codes != self.frame_sum || counts.of_frame() != design.decimation {
             return Err(Changed);
         }
-        let whole = counts.filled() >= length;
+        let whole = counts.filled() >= KEPT;
         Ok(whole.then(|| sums.products.map(|sum| sum as f32 * (1.0 / (1u32 << BITS) as f32))))
     }
 
@@ -370,29 +362,33 @@ mod tests {
 
     #[test]
     fn the_bands_are_those_of_the_table() {
-        {
-            let (decimation, passes, stops, three_db) = (5, 60.0, 130.0, 79.2);
-            let design = Filter::LinearPhase.design(decimation).expect("there");
-            assert_eq!(design.taps.iter().map(|c| i64::from(*c)).sum::<i64>(), 1 << BITS);
-            assert!(design.taps.iter().eq(design.taps.iter().rev()), "linear phase");
-            let at = |hz: f64| db(gain(design.taps, hz) * sinc3(hz));
-            for k in 0..=5000 {
-                let hz = f64::from(k) * 0.1;
-                let level = at(hz);
-                if hz <= passes {
-                    assert!(level.abs() < 0.1, "{hz} Hz: {level} dB");
-                }
-                // (Down to -80 dB without the help of the ADC's filter.)
-                if hz >= stops {
-                    assert!(db(gain(design.taps, hz)) < -80.0, "{hz} Hz: {level} dB");
-                }
+        let (passes, stops) = (60.0, 130.0);
+        let design = Filter::LinearPhase.design(5).expect("there");
+        assert_eq!(design.taps.iter().map(|c| i64::from(*c)).sum::<i64>(), 1 << BITS);
+        assert!(design.taps.iter().eq(design.taps.iter().rev()), "linear phase");
+        let at = |hz: f64| db(gain(design.taps, hz) * sinc3(hz));
+        for k in 0..=5000 {
+            let hz = f64::from(k) * 0.1;
+            let level = at(hz);
+            if hz <= passes {
+                assert!(level.abs() < 0.1, "{hz} Hz: {level} dB");
             }
-            assert!((at(three_db) + 3.0).abs() < 0.05, "{}", at(three_db));
-            // Folded back round the ADC's own rate into the pass band.
-            let fold = [1000.0 - passes, 1000.0 + passes].map(|hz| db(sinc3(hz).abs()));
-            assert!(fold.iter().all(|level| *level < -71.0), "{fold:?}");
-            assert_eq!(design.frames(), FRAMES);
+            // (Down to -80 dB without the help of the ADC's filter.)
+            if hz >= stops {
+                assert!(db(gain(design.taps, hz)) < -80.0, "{hz} Hz: {level} dB");
+            }
         }
+        assert!((at(79.2) + 3.0).abs() < 0.05, "{}", at(79.2));
+        // Means, at the -3 dB of the table.
+        for (n, hz) in [(1, 261.5), (5, 85.5), (100, 4.42)] {
+            let mean = std::vec![(1 << BITS) / n; n as usize];
+            let level = db(gain(&mean, hz) * sinc3(hz));
+            assert!((level + 3.0).abs() < 0.1, "{n}: {level}");
+        }
+        // Folded back round the ADC's own rate into the pass band.
+        let fold = [1000.0 - passes, 1000.0 + passes].map(|hz| db(sinc3(hz).abs()));
+        assert!(fold.iter().all(|level| *level < -71.0), "{fold:?}");
+        assert_eq!(FRAMES, 11);
     }
 
     #[test]
@@ -401,17 +397,14 @@ mod tests {
         assert_eq!([us(Filter::LinearPhase, 5), us(Filter::LinearPhase, 10)], [28_000, 6_000]);
         assert_eq!([us(Filter::Mean, 1), us(Filter::Mean, 5), us(Filter::LinearPhase, 1000)], [1500, 3500, 501_000]);
         // A ramp comes out as it was so many samples before: the delay of the filter without the ADC's.
-        {
-            let n = 5u16;
-            let design = Filter::LinearPhase.design(n).expect("there");
-            let mut samples = Samples::default();
-            for k in 0..1000i32 {
-                samples.push(Some(design), false, &[64 * k, 0, 0, 0, 0, 0]);
-                if samples.of_frame() == n {
-                    if let Ok(Some([found, ..])) = samples.frame(design) {
-                        let halves = Filter::LinearPhase.delay_halves(n) - ADC_HALVES;
-                        assert_eq!(found, (64 * k - 32 * halves as i32) as f32);
-                    }
+        let design = Filter::LinearPhase.design(5).expect("there");
+        let halves = Filter::LinearPhase.delay_halves(5) - ADC_HALVES;
+        let mut samples = Samples::default();
+        for k in 0..1000i32 {
+            samples.push(true, false, &[64 * k, 0, 0, 0, 0, 0]);
+            if samples.of_frame() == 5 {
+                if let Ok(Some([found, ..])) = samples.frame(design) {
+                    assert_eq!(found, (64 * k - 32 * halves as i32) as f32);
                 }
             }
         }
@@ -423,7 +416,7 @@ mod tests {
         let codes: Vec<i32> = (0..400u32).map(|k| (k.wrapping_mul(2_654_435_761) >> 9) as i32 - (1 << 22)).collect();
         let (mut samples, mut frames) = (Samples::default(), 0);
         for (k, code) in codes.iter().enumerate() {
-            samples.push(Some(design), false, &[*code, -*code, 0, 0, 0, 0]);
+            samples.push(true, false, &[*code, -*code, 0, 0, 0, 0]);
             if samples.of_frame() < 5 {
                 continue;
             }

@@ -28,7 +28,7 @@
 
 use crate::calibration::{stated_length, Calibration, ImageError, COMMIT, MAX_BYTES, REFUSED};
 use crate::inputs::QuantitySet;
-use crate::output::OutputSettings;
+use crate::output::{Framing, OutputSettings};
 use crate::sectors::{make_room, page, sequences, stored_checksum, Place, Sector, Store, PAGE};
 use crate::self_test::{Item, Items};
 use crate::signature::{behind, Key, SIGNATURE};
@@ -181,6 +181,8 @@ pub enum Answer {
     NoProgram = 21,
     /// The unit moves, and its service pin is open.
     Moving = 22,
+    /// The firmware has no such framing.
+    NoFraming = 23,
 }
 
 impl Answer {
@@ -212,6 +214,7 @@ impl Answer {
             A::Older,
             A::NoProgram,
             A::Moving,
+            A::NoFraming,
         ]
         .into_iter()
         .find(|a| *a as u8 == n)
@@ -244,6 +247,7 @@ impl core::fmt::Display for Answer {
             Self::Older => "the program is older than the one that runs",
             Self::NoProgram => "the other slot holds no program that has run well",
             Self::Moving => "it moves: keep it still for ten seconds, or tie its service pin low",
+            Self::NoFraming => "its firmware is built without that framing (feature `mavlink`)",
         })
     }
 }
@@ -299,6 +303,8 @@ pub struct Maintenance {
     log: bool,
     /// There is a built-in test.
     test: bool,
+    /// There is MAVLink's framing.
+    mavlink: bool,
     /// Items of the last one.
     items: Items,
     open: bool,
@@ -330,6 +336,7 @@ impl Maintenance {
             inputs: QuantitySet::all(),
             log: true,
             test: true,
+            mavlink: true,
             items: Items::new(),
             open: false,
             coming: None,
@@ -362,6 +369,12 @@ impl Maintenance {
     #[must_use]
     pub fn with_test(self, test: bool) -> Self {
         Self { test, ..self }
+    }
+
+    /// The same with MAVLink's framing, or without it.
+    #[must_use]
+    pub fn with_mavlink(self, mavlink: bool) -> Self {
+        Self { mavlink, ..self }
     }
 
     /// Items of the last test, to be asked for; a test fills them in.
@@ -435,6 +448,9 @@ impl Maintenance {
             Command::Zero(zero) => (if zero.possible() { Answer::Done } else { Answer::Bound }, 0),
             Command::Output(_) if !self.log => (Answer::NoLog, 0),
             Command::Output(settings) if !settings.possible() => (Answer::Bound, 0),
+            Command::Output(settings) if settings.framing == Framing::Mavlink && !self.mavlink => {
+                (Answer::NoFraming, 0)
+            }
             Command::Output(settings) => (Answer::Done, settings.word()),
             Command::Newest => (Answer::Done, number(self.newest.map(|(place, _)| place))),
             Command::Program { length, sum } => self.update.begin(*length, *sum, store),
@@ -787,6 +803,23 @@ mod tests {
             }
         }
         assert_eq!(store.found().newest.map(|(c, _)| c.sequence), Some(700));
+    }
+
+    #[test]
+    fn a_framing_that_the_firmware_lacks_is_refused() {
+        let mut store = Memory::of(SECTOR_BYTES);
+        let settings = OutputSettings { framing: Framing::Mavlink, ..OutputSettings::default() };
+        for (there, answer) in
+            [(true, Reply::Answer(Answer::Done, settings.word())), (false, Reply::Answer(Answer::NoFraming, 0))]
+        {
+            let mut m = store.start().with_mavlink(there);
+            let _ = m.command(&Command::Open(Calibration::uncalibrated().unit), &mut store);
+            assert_eq!(m.command(&Command::Output(settings), &mut store), answer);
+            let own = OutputSettings::default();
+            assert_eq!(m.command(&Command::Output(own), &mut store), Reply::Answer(Answer::Done, own.word()));
+        }
+        let numbers = (0..=u8::MAX).filter_map(|n| Answer::from_number(n).map(|a| a as u8));
+        assert!(numbers.eq(0..=Answer::NoFraming as u8));
     }
 
     #[test]

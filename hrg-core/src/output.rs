@@ -12,11 +12,12 @@
 //! ```
 
 use crate::events::{Event, Record};
-use crate::filter::Filter;
+use crate::filter::{Filter, KEPT};
 use crate::rate_path::{DECIMATION, MOST_SAMPLES};
 
 /// Samples of a message of increments, at most: so many are kept, and one before them.
 pub const MOST_INCREMENTS: u16 = 50;
+const _: () = assert!((MOST_INCREMENTS as usize) < KEPT);
 
 /// Framing of what goes out beside answers to commands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -72,6 +73,12 @@ impl Default for OutputSettings {
 }
 
 impl OutputSettings {
+    /// The same with so many samples in a rate frame, brought into their limits.
+    #[must_use]
+    pub fn with_decimation(self, decimation: u16) -> Self {
+        Self { decimation: decimation.clamp(1, MOST_SAMPLES), ..self }
+    }
+
     /// `true` if the numbers are within their limits.
     #[must_use]
     pub const fn possible(&self) -> bool {

@@ -104,13 +104,19 @@ fn limited(ppm: f32) -> (f32, bool) {
 }
 
 impl RateAxis {
+    /// [`scale_regressors`] in a thermal state, held at the end of the range of the fit; `true`: the state is beyond it.
+    #[must_use]
+    pub(crate) fn regressors(&self, scaling: &Scaling, state: &State) -> ([f32; SCALE_TERMS], bool) {
+        let temperature_c = clamp(state.temperature_c, self.rate_valid_from_c, self.rate_valid_to_c);
+        let ramp = clamp(state.ramp_c_per_min, self.rate_valid_from_c_per_min, self.rate_valid_to_c_per_min);
+        let beyond = temperature_c != state.temperature_c || ramp != state.ramp_c_per_min;
+        (scale_regressors(scaling, temperature_c, ramp), beyond)
+    }
+
     /// Factor, misalignments and status of the axis in a thermal state.
     #[must_use]
     pub fn at(&self, scaling: &Scaling, state: &State) -> (f32, [f32; 2], AxisStatus) {
-        let temperature_c = clamp(state.temperature_c, self.rate_valid_from_c, self.rate_valid_to_c);
-        let ramp = clamp(state.ramp_c_per_min, self.rate_valid_from_c_per_min, self.rate_valid_to_c_per_min);
-        let mut beyond = temperature_c != state.temperature_c || ramp != state.ramp_c_per_min;
-        let x = scale_regressors(scaling, temperature_c, ramp);
+        let (x, mut beyond) = self.regressors(scaling, state);
         let mut of = |ppm: f32| {
             let (ppm, outside) = limited(ppm);
             beyond |= outside;

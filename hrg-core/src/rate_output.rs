@@ -28,7 +28,7 @@
 use crate::adc::Fault;
 use crate::increments::IncrementFrame;
 use crate::output::OutputSettings;
-use crate::rate_path::{Event, PendingBias, RateFrame, RatePath, Summary, CHANNELS, MOST_SAMPLES};
+use crate::rate_path::{Event, PendingBias, RateFrame, RatePath, Summary, CHANNELS};
 use crate::status::UnitStatus;
 
 /// Looks at the time (the model takes one each 10 ms) without a sample between them after which the ADC is silent.
@@ -117,7 +117,7 @@ impl RateOutput {
     /// Samples per frame from the end of this second on.
     pub fn set_decimation(&mut self, decimation: u16) {
         let settings = self.next.unwrap_or(self.path.output());
-        self.next = Some(OutputSettings { decimation: decimation.clamp(1, MOST_SAMPLES), ..settings });
+        self.next = Some(settings.with_decimation(decimation));
     }
 
     /// All settings of what is sent, from the end of this second on.

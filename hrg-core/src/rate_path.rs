@@ -8,7 +8,7 @@
 //!
 //! # From samples to frames
 //! By [`crate::filter`]. A frame's tick is the time that its rate is of. A sample that is missing is taken for the one before, and each frame that it
-//! is part of is flagged; where more are missing than a frame has, the filter begins anew, and the first frame comes when it is filled.
+//! is part of is flagged; where more than [`MOST_HELD`] are missing in a row, the filter begins anew, and the first frame comes when it is filled.
 //!
 //! # Example
 //! ```
@@ -23,7 +23,6 @@
 //! assert_eq!((rate(90_000), rate(180_000)), (1.0, 0.75));
 //! ```
 
-use crate::accelerometers::MPS2_PER_CODE;
 use crate::compensator::Output;
 use crate::filter::{Changed, Design, Filter, Samples, FRAMES};
 use crate::frequency::StepFrequencies;
@@ -268,8 +267,7 @@ pub struct RatePath {
     current: PendingBias,
     /// The current bias is older than [`STALE_MS`].
     stale: bool,
-    /// The last codes, what has changed in them in this frame, and for how many samples each has not changed.
-    last_codes: [i32; AXES],
+    /// Changes of the rates' codes in this frame, and for how many samples each has not changed.
     changed: [i32; AXES],
     unchanged: [u16; AXES],
     pending: Option<PendingBias>,
@@ -285,6 +283,7 @@ pub struct RatePath {
     mirror: Sums,
     /// The last samples: what frames and increments are made of.
     samples: Samples,
+    /// The last codes: they stand for samples that are missing.
     held: [i32; CHANNELS],
     /// The filter is being filled, for the first time or anew.
     filling: bool,
@@ -418,7 +417,6 @@ impl RatePath {
                 [AxisStatus::TEMPERATURE_STALE.union(AxisStatus::SETTLING); AXES],
             ),
             stale: false,
-            last_codes: [0; AXES],
             changed: [0; AXES],
             unchanged: [0; AXES],
             pending: None,
@@ -473,7 +471,7 @@ impl RatePath {
 
     /// Samples per frame from the next frame on.
     pub fn set_decimation(&mut self, decimation: u16) {
-        self.set_output(OutputSettings { decimation: decimation.clamp(1, MOST_SAMPLES), ..self.next_settings });
+        self.set_output(self.next_settings.with_decimation(decimation));
     }
 
     /// Settings of what is sent, of the next frame.
@@ -525,6 +523,12 @@ impl RatePath {
         self.settings_integrity == self.settings_now()
     }
 
+    /// The bias in use and the settings are as they were given.
+    #[inline(never)]
+    fn numbers_intact(&self) -> bool {
+        self.current.intact() && self.settings_intact()
+    }
+
     /// The next bias: pending until its tick.
     pub fn set_bias(&mut self, bias: PendingBias) {
         self.pending = Some(bias);
@@ -553,8 +557,7 @@ impl RatePath {
         }
         for k in 0..AXES {
             let code = codes[k];
-            self.changed[k] |= code ^ self.last_codes[k];
-            self.last_codes[k] = code;
+            self.changed[k] |= code ^ self.held[k];
             if !(-FULL_SCALE_CODE..=FULL_SCALE_CODE).contains(&code) {
                 self.axis_status[k] |= AxisStatus::OVER_RANGE;
                 self.increments.flags.axes[k] |= AxisStatus::OVER_RANGE;
@@ -576,7 +579,7 @@ impl RatePath {
     /// Output of a sample, and of those before it that are missing: the one before them stands for each.
     #[inline(always)]
     fn send(&mut self, tick: u32, codes: &[i32; CHANNELS], missing: u32, event: &mut Event) {
-        let design = self.design();
+        let (design, increments) = (self.design(), self.settings.increments > 0);
         let held = self.held;
         let mut behind = missing;
         loop {
@@ -585,17 +588,22 @@ impl RatePath {
             } else {
                 (&held, tick.wrapping_sub(behind.wrapping_mul(self.sample_ticks)))
             };
-            if design.is_some() || self.settings.increments > 0 {
-                self.samples.push(design, self.settings.increments > 0, now);
+            if design.is_some() || increments {
+                self.samples.push(design.is_some(), increments, now);
             }
-            if self.settings.increments > 0 && self.samples.of_increments() >= self.settings.increments {
-                self.end_increments(at, behind, event);
-            }
-            let ends = match design {
+            let increments_end = increments && self.samples.of_increments() >= self.settings.increments;
+            let frame_ends = match design {
                 Some(_) => self.samples.of_frame() >= self.settings.decimation,
                 None => behind == 0 && self.sums.samples >= self.settings.decimation,
             };
-            if ends {
+            // Nothing goes out that is made of a bias or of settings that have changed in memory.
+            if increments_end || frame_ends {
+                event.corrupted |= !self.numbers_intact();
+            }
+            if increments_end {
+                self.end_increments(at, behind, event);
+            }
+            if frame_ends {
                 self.end_frame(at, behind, event);
             }
             if behind == 0 {
@@ -613,7 +621,7 @@ impl RatePath {
         // (The filter's samples have checks of their own.)
         let sums_intact =
             self.design().is_some() || self.sums.samples == self.settings.decimation && self.sums.equals(&self.mirror);
-        event.corrupted |= !sums_intact || !self.current.intact() || !self.settings_intact();
+        event.corrupted |= !sums_intact;
         // The stale flag latches, because the tick counter wraps every 48 s.
         self.stale |= tick.wrapping_sub(self.current.effective_tick) > self.stale_ticks;
         if self.stale {
@@ -631,8 +639,7 @@ impl RatePath {
     fn end_increments(&mut self, tick: u32, behind: u32, event: &mut Event) {
         let PendingBias { factors, bias_dph, specific_force, .. } = &self.current;
         let angle_of = factors.of_codes(self.scale_dph, *bias_dph, RAD_PER_DPH_SAMPLE);
-        let force = &specific_force.factors;
-        let velocity_of = force.of_codes([MPS2_PER_CODE as f32; AXES], specific_force.bias_mps2, SAMPLE_S);
+        let velocity_of = specific_force.of_codes(SAMPLE_S);
         let mut saturated = [false; AXES];
         let mut integrator = Integrator::default();
         let mut first = true;
@@ -653,7 +660,7 @@ impl RatePath {
         match (taken, from) {
             (Ok(samples), [Some(from), Some(again)]) if from == again => {
                 self.make_increments(tick, behind, (samples, tick.wrapping_sub(from)), &integrator, saturated);
-                event.increments = true;
+                event.increments = !event.corrupted;
             }
             (Ok(_), [None, None]) => {}
             _ => event.corrupted = true,
@@ -763,12 +770,6 @@ impl RatePath {
     /// missing is not sent, and the next frame carries [`UnitStatus::ADC_FAULT`].
     #[inline]
     pub fn missing(&mut self, tick: u32) -> Event {
-        self.note_missing(tick);
-        Event { summary: self.turn(tick), ..Event::default() }
-    }
-
-    #[inline]
-    fn note_missing(&mut self, tick: u32) {
         self.ticks_since_good(tick);
         if let Some(last) = &mut self.last {
             last.errors = last.errors.saturating_add(1);
@@ -776,6 +777,7 @@ impl RatePath {
         self.errors = self.errors.saturating_add(1);
         self.unit_status |= UnitStatus::ADC_FAULT;
         self.increments.flags.unit |= UnitStatus::ADC_FAULT;
+        Event { summary: self.turn(tick), ..Event::default() }
     }
 
     /// `true` if there is a pending bias, and `tick` has reached it.
@@ -871,12 +873,9 @@ impl RatePath {
                 self.unit_status |= UnitStatus::ADC_FAULT;
             }
         }
-        if let Some(design) = design.filter(|_| rate_dph.is_some()) {
-            // (Flags from before the filter was filled are told once, by its first frame.)
-            debug_assert!(design.frames() == FRAMES);
-            if !core::mem::take(&mut self.filling) {
-                self.join_flags();
-            }
+        // (Flags from before the filter was filled are told once, by its first frame.)
+        if design.is_some() && rate_dph.is_some() && !core::mem::take(&mut self.filling) {
+            self.join_flags();
         }
         self.axis_status.iter_mut().zip(self.current.status).for_each(|(to, from)| *to |= from);
         let over = self.axis_status.map(|s| s.contains(AxisStatus::OVER_RANGE));
@@ -1300,6 +1299,31 @@ mod tests {
                 let noticed = (102..112u32).any(|k| p.sample(k * 90_000, [1000, k as i32, -2000, 0, 0, 1]).corrupted);
                 assert!(noticed, "damage {k}, bit {bit}");
             }
+        }
+    }
+
+    /// Each message of increments is made of the bias and the scale factors; no frame ends with it.
+    #[test]
+    fn increments_are_not_sent_of_numbers_that_have_changed() {
+        let damages: [fn(&mut RatePath); 5] = [
+            |p| p.scale_dph[1] += 1.0,
+            |p| p.current.bias_dph[0] += 1.0,
+            |p| p.current.status[2] ^= AxisStatus::OVER_RANGE,
+            |p| p.current.effective_tick ^= 1,
+            |p| p.delay_ticks ^= 4,
+        ];
+        for (k, damage) in damages.iter().enumerate() {
+            let mut p = filtered();
+            p.set_output(OutputSettings { decimation: 1000, increments: 5, ..OutputSettings::default() });
+            let event = |p: &mut RatePath, k: u32| p.sample(k * 90_000, [1000, k as i32, 0, 0, 0, 0]);
+            let sent = (0..2050u32).filter(|k| event(&mut p, *k).increments).count();
+            assert!(sent > 200, "{sent}");
+            damage(&mut p);
+            let events: std::vec::Vec<_> = (2050..2060).map(|k| event(&mut p, k)).collect();
+            assert!(
+                events.iter().any(|e| e.corrupted) && !events.iter().any(|e| e.increments),
+                "damage {k}: {events:?}"
+            );
         }
     }
 

@@ -4,24 +4,26 @@
 //! sensitive axis, in m/s^2 by its constant scale. Accelerometer `k` sits beside gyro `k`, whose resonator is its thermometer.
 //!
 //! # Equations
-//! The bias has the terms of a scale factor: `b0 + b1 u + b2 u^2 + b3 u^3 + b4 r + b5 u r` ([`crate::rate_factors::scale_regressors`]). Source: IEEE Std 1293-2018,
-//! section 5 (model equation of a linear accelerometer; its nonlinear terms are left out).
+//! The bias has the terms of a scale factor: `b0 + b1 u + b2 u^2 + b3 u^3 + b4 r + b5 u r` ([`crate::rate_factors::scale_regressors`]). Source: IEEE Std 1293-2018
+//! (model equation of a linear accelerometer; its nonlinear terms are left out).
 //!
 //! # Example
 //! ```
 //! use hrg_core::rate_factors::Factors;
 //! use hrg_core::specific_force::SpecificForce;
 //!
-//! // z reads 1 mg too much and 200 ppm too little.
+//! // Half of the scale is 1 g; z reads 1 mg too much and 200 ppm too little.
+//! let g = SpecificForce::NONE.of_codes(1.0).corrected([0, 0, 1 << 22]);
+//! assert!((g[2] - 9.806_65).abs() < 1e-5);
 //! let factors = Factors::new([1.0, 1.0, 1.0002], [[0.0; 2]; 3]);
 //! let errors = SpecificForce { bias_mps2: [0.0, 0.0, 9.8e-3], factors, ..SpecificForce::NONE };
-//! let corrected = errors.corrected_mps2([0.0, 0.0, 9.814_489]);
-//! assert!((corrected[2] - 9.806_65).abs() < 1e-5);
-//! assert_eq!(SpecificForce::NONE.corrected_mps2([1.0, 2.0, 3.0]), [1.0, 2.0, 3.0]);
+//! let corrected = errors.of_codes(1.0).corrected([0, 0, 1 << 22]);
+//! assert!((corrected[2] - 9.798_809).abs() < 1e-5);
 //! ```
 
+use crate::accelerometers::MPS2_PER_CODE;
 use crate::bias::{clamp, Scaling, State};
-use crate::rate_factors::{scale_regressors, Factors, RateAxis, SCALE_TERMS, STATED_AT};
+use crate::rate_factors::{Factors, OfCodes, RateAxis, SCALE_TERMS, STATED_AT};
 use crate::schema::layout;
 use crate::status::AxisStatus;
 use crate::AXES;
@@ -32,7 +34,7 @@ pub const MOST_BIAS_MPS2: f32 = 1.0;
 /// Bias of one accelerometer over temperature, as the image holds it; scale factor and misalignment are a [`RateAxis`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct AccelerometerBias {
-    /// Coefficients of [`scale_regressors`], m/s^2.
+    /// Coefficients of [`crate::rate_factors::scale_regressors`], m/s^2.
     pub bias_mps2: [f32; SCALE_TERMS],
     /// Standard deviation on a soak at each of [`STATED_AT`] temperatures of the range, m/s^2: noise, and what the curve does not follow.
     pub bias_std_mps2: [f32; STATED_AT],
@@ -55,15 +57,12 @@ impl Accelerometer {
     /// Bias, m/s^2, factor, misalignments and status in a thermal state. Outside the range of the fit they stay at its end, flagged.
     #[must_use]
     pub fn at(&self, scaling: &Scaling, state: &State) -> (f32, f32, [f32; 2], AxisStatus) {
-        let e = &self.errors;
-        let temperature_c = clamp(state.temperature_c, e.rate_valid_from_c, e.rate_valid_to_c);
-        let ramp = clamp(state.ramp_c_per_min, e.rate_valid_from_c_per_min, e.rate_valid_to_c_per_min);
-        let x = scale_regressors(scaling, temperature_c, ramp);
+        let (x, _) = self.errors.regressors(scaling, state);
         let mut bias = 0.0;
         for (c, x) in self.bias.bias_mps2.iter().zip(x) {
             bias += c * x;
         }
-        let (scale, coupling, status) = e.at(scaling, state);
+        let (scale, coupling, status) = self.errors.at(scaling, state);
         (clamp(bias, -MOST_BIAS_MPS2, MOST_BIAS_MPS2), scale, coupling, status)
     }
 
@@ -98,12 +97,11 @@ impl SpecificForce {
     /// Those of an image that has none.
     pub const NONE: Self = Self { bias_mps2: [0.0; AXES], factors: Factors::UNIT, outside: [false; AXES] };
 
-    /// Specific force along the axes of the case, m/s^2.
-    #[inline(always)]
+    /// From codes to specific force along the axes of the case, m/s^2, times `unit`.
+    #[inline]
     #[must_use]
-    pub fn corrected_mps2(&self, raw_mps2: [f32; AXES]) -> [f32; AXES] {
-        // (The rule is one of numbers: it holds in any unit.)
-        self.factors.corrected_dph(raw_mps2, self.bias_mps2)
+    pub fn of_codes(&self, unit: f32) -> OfCodes {
+        self.factors.of_codes([MPS2_PER_CODE as f32; AXES], self.bias_mps2, unit)
     }
 
     /// `true` if both are the same to the last bit.

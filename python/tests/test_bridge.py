@@ -1,8 +1,10 @@
 """The bridge to ROS 2: MAVLink in, MCAP out, read back without ROS."""
 
+import os
 import pathlib
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -36,3 +38,49 @@ def test_rates_and_accelerations_become_messages_with_covariances(tmp_path):
     assert first.angular_velocity_covariance[4] == pytest.approx(1.7453e-6**2, rel=1e-3)
     assert first.linear_acceleration_covariance[8] == pytest.approx(4e-4)
     assert first.orientation_covariance[0] == -1.0 and last.linear_acceleration_covariance[0] == -1.0
+
+
+@pytest.fixture
+def unit_that_speaks_mavlink(root, hrg_board, hrg_command, tmp_path):
+    """The port of a virtual board that runs the firmware with that feature, set to that framing."""
+    elf = root / "target" / "mavlink" / "thumbv7em-none-eabihf" / "firmware" / "firmware"
+    if not elf.exists():
+        pytest.skip(f"{elf} is not built; cargo xtask size --mavlink makes it")
+    with subprocess.Popen(
+        [hrg_board, "serve", "--elf", elf, "--folder", tmp_path], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+    ) as board:
+        port = tmp_path / "link"
+        try:
+            for _ in range(600):
+                if port.exists() or board.poll() is not None:
+                    break
+                time.sleep(0.1)
+            assert port.exists(), board.stderr.read()
+            settings = ["--increments", "5", "--framing", "mavlink"]
+            subprocess.run([hrg_command, "unit", "output", "--port", port, *settings], check=True, timeout=120)
+            yield port
+        finally:
+            board.terminate()
+
+
+def test_pymavlink_reads_a_unit(unit_that_speaks_mavlink):
+    link = mavlink.MAVLink(None)
+    link.robust_parsing = True
+    port = os.open(unit_that_speaks_mavlink, os.O_RDONLY | os.O_NOCTTY)
+    read = []
+    try:
+        end = time.monotonic() + 120
+        while len(read) < 1000 and time.monotonic() < end:
+            read += link.parse_buffer(os.read(port, 4096)) or []
+    finally:
+        os.close(port)
+    # (What stands before the first whole packet is another's.)
+    first = next(k for k, m in enumerate(read) if m.get_type() == "HIGHRES_IMU")
+    packets = read[first:]
+    assert {m.get_type() for m in packets} == {"HIGHRES_IMU", "HEARTBEAT"}
+    imu = [m for m in packets if m.get_type() == "HIGHRES_IMU"]
+    steps = [b.time_usec - a.time_usec for a, b in zip(imu, imu[1:])]
+    assert len(imu) > 500 and min(steps) >= 4998 and max(steps) <= 5002
+    # Rates of a unit at rest; two accelerometers and the third, at the zero of its codes.
+    assert all(abs(rate) < 0.01 for m in imu for rate in (m.xgyro, m.ygyro, m.zgyro))
+    assert any(m.xgyro != 0.0 for m in imu) and imu[-1].fields_updated & 0x3F in (0x38, 0x3F)

@@ -3,8 +3,8 @@
 //! command builds are ignored there.
 
 use crate::{
-    aux, bench_unit, bring_up, cargo, hil, library, minimal, other_chip, python, reference, root, run, sensors, setup,
-    signed, size, slot_b, without,
+    aux, bench_unit, bring_up, cargo, hil, library, mavlink, minimal, other_chip, python, reference, root, run,
+    sensors, setup, signed, size, slot_b, without,
 };
 use crate::{Failure, Toolchain};
 use std::io::{BufRead, BufReader};
@@ -125,6 +125,7 @@ fn the_rest(course: &Course, t: &Toolchain) -> Result<Sum, Failure> {
             course.step("the smallest firmware", || minimal(t))?;
             course.step("the firmware with temperature sensors", || sensors(t))?;
             course.step("the firmware with inputs at the ADC", || aux(t))?;
+            course.step("the firmware that speaks MAVLink", || mavlink(t))?;
             course.step("the second chip", || other_chip(t))?;
             course.step("the firmware without each part", || without(t))?;
             course.step("the bring-up program", bring_up::build)?;
@@ -132,6 +133,7 @@ fn the_rest(course: &Course, t: &Toolchain) -> Result<Sum, Failure> {
             course.step("hrg-core in a firmware of another kind", || library::example(t))?;
             course.step("lints, target", || {
                 lint_target(t, &["--features", "bring-up"])?;
+                lint_target(t, &["--features", "mavlink"])?;
                 lint_target(t, &["--test", "chip"])
             })?;
             course.step("hrg-core as it would be published", library::package)?;

@@ -31,8 +31,8 @@ const USAGE: &str = "cargo xtask COMMAND
   test              format, lints, documentation, host tests, firmware size, the ELF on the virtual board (--rest: what is slow and seldom
                     breaks: other chips, each part of the firmware left out, the wheel, the pages, campaigns in short form)
   build             the firmware, and the programs hrg and hrg-board (target/release)
-  size [--signed | --minimal | --sensors | --aux | --stm32f405rg | --bring-up | --chip-tests | --slot-b | --nrf52840]   what the firmware takes of flash and RAM (--signed: the one
-                    with signed calibrations and a battery; --minimal: the one without the parts that a unit can do without; --sensors: the one with platinum resistors in the place of resonators; --aux: the one with inputs at the ADC; --stm32f405rg:
+  size [--signed | --minimal | --sensors | --aux | --mavlink | --stm32f405rg | --bring-up | --chip-tests | --slot-b | --nrf52840]   what the firmware takes of flash and RAM (--signed: the one
+                    with signed calibrations and a battery; --minimal: the one without the parts that a unit can do without; --sensors: the one with platinum resistors in the place of resonators; --aux: the one with inputs at the ADC; --mavlink: the one with that framing; --stm32f405rg:
                     the one for that chip; --nrf52840: the example for users of hrg-core)
   fuzz [SECONDS]    the fuzz targets, each for so long (default 60), from the corpora kept in fuzz/corpus
   audit             licences, advisories, duplicates and sources of every dependency (cargo-deny)
@@ -98,6 +98,7 @@ fn main() -> ExitCode {
         }
         Some("size") if rest.first().is_some_and(|a| a == "--sensors") => setup::toolchain().and_then(|t| sensors(&t)),
         Some("size") if rest.first().is_some_and(|a| a == "--aux") => setup::toolchain().and_then(|t| aux(&t)),
+        Some("size") if rest.first().is_some_and(|a| a == "--mavlink") => setup::toolchain().and_then(|t| mavlink(&t)),
         Some("size") if rest.first().is_some_and(|a| a == "--minimal") => setup::toolchain().and_then(|t| minimal(&t)),
         Some("size") if rest.first().is_some_and(|a| a == "--bring-up") => bring_up::build(),
         Some("size") if rest.first().is_some_and(|a| a == "--chip-tests") => {
@@ -541,6 +542,11 @@ fn sensors(t: &Toolchain) -> Result<(), Failure> {
 /// The firmware with inputs at channels 5 to 7 of the ADC.
 fn aux(t: &Toolchain) -> Result<(), Failure> {
     bounds(&variant(t, "aux", |c| c.args(["--features", "aux"]))?, "aux: ", FLASH_BOUND)
+}
+
+/// The firmware that can send in MAVLink's framing.
+fn mavlink(t: &Toolchain) -> Result<(), Failure> {
+    bounds(&variant(t, "mavlink", |c| c.args(["--features", "mavlink"]))?, "mavlink: ", FLASH_BOUND)
 }
 
 /// The firmware that wants signed calibrations and keeps its states over power cuts by a battery. Its key is that of the tests, which

@@ -12,11 +12,11 @@ use hrg_core::gnss::{GnssTime, WEEK_S};
 use hrg_core::increments::IncrementFrame;
 use hrg_core::link::{Message, RATE_FRAME};
 use hrg_core::maintenance::{Answer, Command};
-use hrg_core::output::OutputSettings;
+use hrg_core::output::{Framing, OutputSettings};
 use hrg_core::timebase::Timebase;
 use std::f64::consts::PI;
 use std::fmt::Write as _;
-use virtual_board::{Board, CPU_HZ};
+use virtual_board::{Board, Stop, CPU_HZ};
 
 /// Rad/s of a deg/h.
 const RAD_S: f64 = PI / 180.0 / 3600.0;
@@ -32,9 +32,9 @@ const SETTLE_S: f64 = 0.5;
 const LINE: f64 = 92_160.0;
 
 /// A unit that has settled, with pulses from a time on, s, each second.
-fn with_pulses(scene: &Scene, first_s: f64) -> Result<Board<Wires>> {
+fn with_pulses(scene: &Scene, wires: Wires, first_s: f64) -> Result<Board<Wires>> {
     let faults = WireFaults { pulses: Some((first_s, 1.0)), ..WireFaults::default() };
-    let mut board = scene.off(scene.wires().with_faults(faults), &scene.calibration)?;
+    let mut board = scene.off(wires.with_faults(faults), &scene.calibration)?;
     scene.keep(&mut board)?;
     board.reset_by_software()?;
     board.run_until(cycles(first_s - 0.1))?;
@@ -288,7 +288,7 @@ pub struct TimeError {
 /// If the unit cannot be run, or knows no time.
 pub fn gnss_time(scene: &Scene) -> Result<TimeError> {
     let first_s = 3.123_456_789;
-    let mut board = with_pulses(scene, first_s)?;
+    let mut board = with_pulses(scene, scene.wires(), first_s)?;
     board.world.received = Default::default();
     const WEEK: u16 = 2394;
     // Near a week's end, so that it is crossed.
@@ -344,7 +344,7 @@ impl Budget {
 /// If the unit cannot be run.
 pub fn budget(scene: &Scene) -> Result<Budget> {
     const RUN_S: f64 = 10.0;
-    let mut board = with_pulses(scene, 40.0)?;
+    let mut board = with_pulses(scene, scene.wires(), 40.0)?;
     set(scene, &mut board, OutputSettings { increments: 5, ..OutputSettings::default() })?;
     let begin = align_mode::Command::Begin { latitude_deg: 45.0, gravity_mps2: 0.0, velocity_noise_mps: 1e-3 };
     board.world.hear(&Message::Align(begin).encode());
@@ -369,6 +369,33 @@ pub fn budget(scene: &Scene) -> Result<Budget> {
         bytes += encoded(count, &one.context("a message did not come")?);
     }
     Ok(Budget { bytes: bytes / RUN_S, cycles: board.estimate().total() as f64 / RUN_S })
+}
+
+/// Bytes that a unit sends in MAVLink's framing within some seconds, with increments at 200 Hz and GNSS time.
+///
+/// # Errors
+/// If the unit cannot be run, or has no such framing.
+pub fn in_mavlink(scene: &Scene, seconds: f64) -> Result<Vec<u8>> {
+    let mut board = with_pulses(scene, scene.wires().live(), 40.0)?;
+    set(scene, &mut board, OutputSettings { increments: 5, framing: Framing::Mavlink, ..OutputSettings::default() })?;
+    let run = |board: &mut Board<Wires>, until: u64| -> Result<()> {
+        let stop = board.run_until(until)?;
+        anyhow::ensure!(stop == Stop::Time, "the unit stopped: {stop:?}");
+        Ok(())
+    };
+    run(&mut board, cycles(42.2))?;
+    let time = GnssTime { week: 2394, second: 1, std_ns: 20, leap_s: 18 };
+    board.world.hear(&Message::GnssTime(time).encode());
+    board.poll_link();
+    let settled = board.now() + cycles(1.5);
+    run(&mut board, settled)?;
+    let _ = board.world.printed();
+    let end = board.now() + cycles(seconds);
+    run(&mut board, end)?;
+    let bytes = board.world.printed();
+    // The same command leads back.
+    set(scene, &mut board, OutputSettings::default())?;
+    Ok(bytes)
 }
 
 /// Frequencies of the page: pass bands, stop bands, and what folds back round 200 Hz and 1 kHz. (Beside whole multiples of the frame rate, where a vibration

@@ -10,7 +10,7 @@ use hrg_core::output::{Framing, OutputSettings};
 use hrg_core::parts::{Parts, SYMBOL};
 use hrg_core::status::UnitStatus;
 use hrg_study::faults::Scene;
-use hrg_study::output::{budget, coning, gnss_time, sculling, sending, sweep};
+use hrg_study::output::{budget, coning, gnss_time, in_mavlink, sculling, sending, sweep};
 use virtual_board::{Firmware, Stop};
 
 fn scene() -> Scene {
@@ -94,4 +94,42 @@ fn what_is_sent_is_kept_over_a_power_cut_and_told_by_the_identity() {
         assert_eq!(maintain(&mut board, Command::Open(scene.calibration.unit)).expect("answers"), Some(Answer::Done));
         assert_eq!(maintain(&mut board, Command::Output(bad)).expect("answers"), Some(Answer::Bound));
     }
+}
+
+#[test]
+fn a_firmware_without_mavlink_refuses_that_framing() {
+    let settings = OutputSettings { framing: Framing::Mavlink, ..OutputSettings::default() };
+    let refused = sending(&scene(), settings).map(drop).expect_err("it has none").to_string();
+    assert!(refused.contains("NoFraming"), "{refused}");
+}
+
+/// With the pulse and the time of GNSS, which go into the packets and out in no way of their own. (python/tests/test_bridge.py has pymavlink read a unit.)
+#[test]
+#[ignore = "cargo xtask test --rest"]
+fn a_firmware_with_mavlink_sends_its_packets_and_nothing_else() {
+    let usual = default_elf();
+    let target = usual.ancestors().nth(3).expect("a folder of builds");
+    let elf = target.join("mavlink").join(usual.strip_prefix(target).expect("lies there"));
+    let elf = read_elf(&elf).expect("cargo xtask size --mavlink builds it");
+    let bytes = in_mavlink(&Scene::new(&elf, 1).expect("a scene"), 3.0).expect("runs");
+    // (The first may be one that was on its way.)
+    let begin = bytes.windows(2).position(|w| w == [0xFD, 62]).expect("packets");
+    let mut rest = &bytes[begin..];
+    let (mut times, mut numbers, mut heartbeats) = (Vec::new(), Vec::new(), 0);
+    while rest.len() >= 12 && rest.len() >= 12 + usize::from(rest[1]) {
+        let (packet, others) = rest.split_at(12 + usize::from(rest[1]));
+        assert_eq!(packet[0], 0xFD, "packets follow each other: {:02x?}", &rest[..40.min(rest.len())]);
+        numbers.push(packet[4]);
+        match packet[7] {
+            105 => times.push(u64::from_le_bytes(*packet[10..].first_chunk().expect("eight bytes"))),
+            _ => heartbeats += 1,
+        }
+        rest = others;
+    }
+    assert!(numbers.windows(2).all(|w| w[1] == w[0].wrapping_add(1)), "none is lost");
+    assert!((595..=600).contains(&times.len()) && (2..=3).contains(&heartbeats), "{} {heartbeats}", times.len());
+    assert!(times.windows(2).all(|w| (4998..=5002).contains(&(w[1] - w[0]))), "{times:?}");
+    // Week 2394 of GPS began on 2025-11-23; 18 leap seconds.
+    let start_us = 1_763_856_000_000_000 - 18_000_000;
+    assert!((start_us..start_us + 10_000_000).contains(&times[0]), "{}", times[0]);
 }

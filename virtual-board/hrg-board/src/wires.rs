@@ -2,7 +2,7 @@
 
 use crate::motion::{adc_filter, Motion};
 use crate::twin::{ambient, Twin};
-use hrg_align::session::ACCELEROMETER_SCALE;
+use hrg_core::accelerometers::MPS2_PER_CODE;
 use hrg_core::align_mode::Report;
 use hrg_core::gnss::TimeMark;
 use hrg_core::increments::IncrementFrame;
@@ -145,6 +145,17 @@ impl Clone for Observers {
     fn clone(&self) -> Self {
         Self::default()
     }
+}
+
+/// Code of an input whose wire is open: the current drives it to its end.
+const OPEN_WIRE: i32 = 0x7F_FFFF;
+
+/// The code next to a value. The rounding error goes into the next sample: the mean over a second is that of the recording.
+fn rounded(wanted: f64, carry: &mut f64) -> i32 {
+    let wanted = wanted + *carry;
+    let code = wanted.round().clamp(-8_388_608.0, 8_388_607.0);
+    *carry = (wanted - code).clamp(-1.0, 1.0);
+    code as i32
 }
 
 /// The code of a platinum resistor of 1000 ohm at 0 C with 0.5 mA, at a full scale of 1.2 V and 23 bits: its resistance by IEC 60751.
@@ -500,60 +511,43 @@ impl World for Wires {
         self.invalid = faults.contains(&AdcFault::Checksum);
         let second = (cycles / CPU_HZ) as usize;
         let mut codes = [0i32; 8];
-        for (a, code) in codes.iter_mut().take(3).enumerate() {
-            if let Some(rate) = self.steps.rate_dph[a].get(second).filter(|r| r.is_finite()) {
-                self.held[a] = *rate;
-            }
-            // The rounding error goes into the next sample: the mean over a second is that of the recording.
-            let wanted = self.held[a] / f64::from(self.scale_dph[a]) + self.carry[a];
-            let rounded = wanted.round().clamp(-8_388_608.0, 8_388_607.0);
-            self.carry[a] = (wanted - rounded).clamp(-1.0, 1.0);
-            *code = rounded as i32;
-        }
-        if let Some((motion, _, weights)) = self.motion.as_ref().filter(|(_, from, _)| t >= *from) {
-            let (rates, forces) = motion.sampled(weights, t);
-            for k in 0..3 {
-                let wanted = [rates[k] / f64::from(self.scale_dph[k]), forces[k] / ACCELEROMETER_SCALE];
-                for (code, (wanted, carry)) in [k, 3 + k]
-                    .into_iter()
-                    .zip(wanted.into_iter().zip([&mut self.carry[k], &mut self.acceleration_carry[k]]))
-                {
-                    let rounded = (wanted + *carry).round().clamp(-8_388_608.0, 8_388_607.0);
-                    *carry = (wanted + *carry - rounded).clamp(-1.0, 1.0);
-                    codes[code] = rounded as i32;
-                }
+        for k in 0..3 {
+            if let Some(rate) = self.steps.rate_dph[k].get(second).filter(|r| r.is_finite()) {
+                self.held[k] = *rate;
             }
         }
-        if let Some((start, increments)) = &self.accelerations {
-            // The seconds of the rate path end a little after those of the frequencies.
+        let moved = self.motion.as_ref().filter(|(_, from, _)| t >= *from);
+        let moved = moved.map(|(motion, _, weights)| motion.sampled(weights, t));
+        // The seconds of the rate path end a little after those of the frequencies.
+        let pushed = self.accelerations.as_ref().map(|(start, all)| {
             let second = (t - start).floor();
-            let now = if second >= 0.0 { increments.get(second as usize) } else { None };
-            for (k, a) in now.copied().unwrap_or_default().iter().enumerate() {
-                let wanted = a / ACCELEROMETER_SCALE + self.acceleration_carry[k];
-                let rounded = wanted.round().clamp(-8_388_608.0, 8_388_607.0);
-                self.acceleration_carry[k] = (wanted - rounded).clamp(-1.0, 1.0);
-                codes[3 + k] = rounded as i32;
-            }
+            let now = if second >= 0.0 { all.get(second as usize) } else { None };
+            now.copied().unwrap_or_default()
+        });
+        let rates = moved.map_or(self.held, |(rates, _)| rates);
+        for k in 0..3 {
+            codes[k] = rounded(rates[k] / f64::from(self.scale_dph[k]), &mut self.carry[k]);
+        }
+        let forces: &[f64] = match (&moved, &pushed) {
+            (Some((_, forces)), _) => forces,
+            (None, Some(forces)) => forces,
+            (None, None) => &[],
+        };
+        for (k, a) in forces.iter().enumerate() {
+            codes[3 + k] = rounded(a / MPS2_PER_CODE, &mut self.acceleration_carry[k]);
         }
         if self.steps.thermometer == Thermometer::Sensors {
             for (k, code) in codes[5..].iter_mut().enumerate() {
-                if let Some(t) = self.steps.frequency_hz[k].get(second).filter(|t| t.is_finite()) {
-                    let wanted = platinum_code(*t) + self.sensor_carry[k];
-                    let rounded = wanted.round().clamp(-8_388_608.0, 8_388_607.0);
-                    self.sensor_carry[k] = (wanted - rounded).clamp(-1.0, 1.0);
-                    *code = rounded as i32;
-                } else {
-                    // A wire that is open: the current drives the input to its end.
-                    *code = 0x7F_FFFF;
-                }
+                *code = match self.steps.frequency_hz[k].get(second).filter(|t| t.is_finite()) {
+                    Some(t) => rounded(platinum_code(*t), &mut self.sensor_carry[k]),
+                    None => OPEN_WIRE,
+                };
             }
         }
         for (k, channel) in self.aux.iter().flatten().enumerate() {
             let volts = f64::from(self.steps.given(second).get(channel.quantity));
-            let wanted = (volts - channel.at_zero) / channel.per_code + self.sensor_carry[k];
-            let rounded = wanted.round().clamp(-8_388_608.0, 8_388_607.0);
-            self.sensor_carry[k] = (wanted - rounded).clamp(-1.0, 1.0);
-            codes[5 + k] = if volts.is_finite() { rounded as i32 } else { 0x7F_FFFF };
+            let wanted = (volts - channel.at_zero) / channel.per_code;
+            codes[5 + k] = if volts.is_finite() { rounded(wanted, &mut self.sensor_carry[k]) } else { OPEN_WIRE };
         }
         for fault in faults {
             if let AdcFault::Saturated(channel) = fault {

@@ -49,10 +49,7 @@ pub fn in_words(settings: &OutputSettings) -> String {
 /// # Errors
 /// A name that is none.
 pub fn filter(name: &str) -> Result<Filter, String> {
-    [Filter::Mean, Filter::LinearPhase]
-        .into_iter()
-        .find(|f| f.name() == name)
-        .ok_or_else(|| "mean or linear-phase".into())
+    named(Filter::from_number, Filter::name, name)
 }
 
 /// The framing with a name.
@@ -60,5 +57,12 @@ pub fn filter(name: &str) -> Result<Filter, String> {
 /// # Errors
 /// A name that is none.
 pub fn framing(name: &str) -> Result<Framing, String> {
-    [Framing::Own, Framing::Mavlink].into_iter().find(|f| f.name() == name).ok_or_else(|| "own or mavlink".into())
+    named(Framing::from_number, Framing::name, name)
+}
+
+/// That of the core's numbered things which has a name.
+fn named<T: Copy>(numbered: fn(u8) -> Option<T>, name_of: fn(T) -> &'static str, name: &str) -> Result<T, String> {
+    let all = || (0..).map_while(numbered);
+    let names = || all().map(name_of).collect::<Vec<_>>().join(" or ");
+    all().find(|one| name_of(*one) == name).ok_or_else(names)
 }

@@ -541,11 +541,7 @@ impl Unit {
     /// # Errors
     /// If the unit does not answer, or refuses them.
     pub fn set_zero(&mut self, zero: &Zero) -> Result<()> {
-        let identity = self.reconnect(Duration::ZERO)?;
-        self.done(Command::Open(identity.unit), "maintenance mode")?;
-        let taken = self.done(Command::Zero(*zero), "the constants");
-        self.done(Command::Close, "maintenance mode")?;
-        taken.map(drop)
+        self.set(Command::Zero(*zero), "the constants")
     }
 
     /// Has the unit send by these settings from now on, over power cuts.
@@ -553,9 +549,14 @@ impl Unit {
     /// # Errors
     /// As [`set_zero`](Self::set_zero).
     pub fn set_output(&mut self, settings: &OutputSettings) -> Result<()> {
+        self.set(Command::Output(*settings), "the settings")
+    }
+
+    /// A command of the maintenance mode that sets something, in the mode.
+    fn set(&mut self, command: Command, what: &str) -> Result<()> {
         let identity = self.reconnect(Duration::ZERO)?;
         self.done(Command::Open(identity.unit), "maintenance mode")?;
-        let taken = self.done(Command::Output(*settings), "the settings");
+        let taken = self.done(command, what);
         self.done(Command::Close, "maintenance mode")?;
         taken.map(drop)
     }

@@ -2,10 +2,11 @@
 #![cfg(unix)]
 
 use hrg_align::linear::Linear;
-use hrg_align::session::{Session, ACCELEROMETER_SCALE};
+use hrg_align::session::Session;
 use hrg_align::{DEGREE, DPH};
 use hrg_align_tools::plant::Plant;
 use hrg_align_tools::Recording;
+use hrg_core::accelerometers::MPS2_PER_CODE;
 use hrg_core::align_mode::Command;
 use hrg_core::link::{Deframer, Identity, Message};
 use hrg_core::rate_path::Summary;
@@ -53,7 +54,7 @@ fn unit(mut port: TTYPort, recording: &Recording, stop: &AtomicBool) -> Option<[
             raw_dph: [0.0; 3],
             corrected_dph: [0.0; 3],
             adc_errors: 0,
-            accelerometer_codes: v.map(|v| (v / (ACCELEROMETER_SCALE * 1e-3)).round() as i64),
+            accelerometer_codes: v.map(|v| (v / (MPS2_PER_CODE * 1e-3)).round() as i64),
             accelerometer_saturated: false,
         };
         if let Some(report) = session.second(&summary) {

@@ -5,7 +5,8 @@ use clap::Args;
 use hrg::unit::output::{filter, framing, in_words, of};
 use hrg::unit::port::Unit;
 use hrg_core::filter::Filter;
-use hrg_core::output::{Framing, OutputSettings};
+use hrg_core::output::{Framing, OutputSettings, MOST_INCREMENTS};
+use hrg_core::rate_path::MOST_SAMPLES;
 
 /// Arguments of `hrg unit output`.
 #[derive(Args)]
@@ -17,10 +18,10 @@ pub struct Arguments {
     #[arg(long, value_parser = filter)]
     filter: Option<Filter>,
     /// Samples (of 1 ms) in a rate frame: 5 are 200 Hz.
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=i64::from(MOST_SAMPLES)))]
     samples: Option<u16>,
     /// Samples in a message of increments of angle and velocity: 5 are 200 Hz; 0: none are sent.
-    #[arg(long, value_parser = clap::value_parser!(u16).range(0..=50))]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(0..=i64::from(MOST_INCREMENTS)))]
     increments: Option<u16>,
     /// Framing of what goes out: own or mavlink (HIGHRES_IMU).
     #[arg(long, value_parser = framing)]
