@@ -33,8 +33,8 @@ SEED = 1
 
 
 def read(path):
-    """Columns of a recording, and when its unit was switched on, s."""
-    power_on = 0.0
+    """Columns of a recording in the order of time, and when its unit was switched on, s."""
+    power_on, step = 0.0, 1.0
     with open(path) as lines:
         for line in lines:
             if not line.startswith("#"):
@@ -42,8 +42,13 @@ def read(path):
                 break
             if line.startswith("# power_on_s:"):
                 power_on = float(line.split(":")[1])
+            if line.startswith("# time_step_s:"):
+                step = float(line.split(":")[1])
         table = np.genfromtxt(lines, delimiter=",")
-    return {n: table[:, k] for k, n in enumerate(names)}, power_on
+    run = {n: table[:, k] for k, n in enumerate(names)}
+    run.setdefault("time_s", step * np.arange(1, len(table) + 1))
+    order = np.argsort(run["time_s"], kind="stable")
+    return {n: v[order] for n, v in run.items()}, power_on
 
 
 def means(v):

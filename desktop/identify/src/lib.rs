@@ -1,4 +1,4 @@
-//! Identification: from recordings to a thermometer, a bias model, the effects that the model lacks, and the scale factors.
+//! Identification: from recordings to a thermometer, a bias model, the effects that the model lacks, the scale factors, and the accelerometers.
 //!
 //! | module | contents |
 //! |---|---|
@@ -6,9 +6,11 @@
 //! | [`fit`] | recordings made ready, enough data behind a fit, a run corrected by the unit's code |
 //! | [`trace`] | the effects that a model lacks |
 //! | [`rates`] | scale factor and misalignment over temperature from runs on a rate table |
+//! | [`forces`] | accelerometers over temperature from runs in positions |
 #![forbid(unsafe_code)]
 
 pub mod fit;
+pub mod forces;
 pub mod rates;
 pub mod thermometer;
 pub mod trace;

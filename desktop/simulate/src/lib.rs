@@ -11,6 +11,7 @@ mod defects;
 mod effects;
 mod noise;
 mod plant;
+pub mod positions;
 pub mod profile;
 mod resonance;
 pub mod turning;
@@ -36,6 +37,7 @@ use hrg_data::recording::thermometer::Thermometer;
 use hrg_data::recording::Recording;
 use noise::{normal, rate_noise};
 use plant::{Monitors, Plant};
+use positions::Accelerometers;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use turning::{Gyros, Scheme};
@@ -65,6 +67,8 @@ pub struct Plan {
     pub attitude: Attitude,
     /// A rate table that turns it; its recording then holds the table's rates, and the whole earth's rate. `None`: it stands still.
     pub turning: Option<Scheme>,
+    /// It is held in six positions, gone round again and again, and its recording holds specific forces.
+    pub positions: bool,
 }
 
 /// Attitude of a simulated unit by default.
@@ -112,7 +116,13 @@ impl Plan {
             sizing: None,
             attitude: ATTITUDE,
             turning: None,
+            positions: false,
         }
+    }
+
+    /// It does not keep its attitude.
+    fn moved(&self) -> bool {
+        self.turning.is_some() || self.positions
     }
 
     /// Sign and mix of each effect on each axis: they belong to the unit, not to the run.
@@ -172,7 +182,7 @@ impl Plan {
             ("power_on_s", "0".to_string()),
             (metadata::SCALE_FACTOR, metadata::scale_text(&default.scale_factors_dph_per_code())),
         ];
-        if self.turning.is_none() {
+        if !self.moved() {
             let before_scale = meta.len() - 1;
             let place = [("latitude_deg", self.attitude.latitude_deg.to_string()), ("axes", self.attitude.axes_text())];
             meta.splice(before_scale..before_scale, place);
@@ -181,6 +191,25 @@ impl Plan {
             meta.push(("thermometer", "sensor".to_string()));
         }
         meta.into_iter().map(|(k, v)| (k.to_string(), v)).collect()
+    }
+
+    /// Columns of sensors, supplies and loops.
+    fn beside_rates(&self, chamber: Vec<f64>, plant: &Plant, monitors: Monitors) -> Vec<(&'static str, Vec<f64>)> {
+        let with_sensors = self.thermometer.is_sensor();
+        let alone = |column: Column, values: Vec<f64>| (column.name(0), values);
+        let mut optional: Vec<(&'static str, Vec<f64>)> = Vec::new();
+        if !with_sensors {
+            optional.extend(of_axes(columns::CASE, plant.case_c.each_ref().map(|c| in_sensor_steps(c))));
+        }
+        optional.push(alone(columns::CHAMBER, chamber));
+        optional.push(alone(columns::BOARD, monitors.board_c));
+        optional.push(alone(columns::SUPPLY, monitors.supply_v));
+        if !with_sensors {
+            let resonance = monitors.resonance;
+            optional.extend(of_axes(columns::DRIVE, resonance.each_ref().map(|r| r.drive_v.clone())));
+            optional.extend(of_axes(columns::QUADRATURE, resonance.map(|r| r.quad_v)));
+        }
+        optional
     }
 
     /// Simulates the run.
@@ -219,6 +248,10 @@ impl Plan {
                 to.iter_mut().zip(from).for_each(|(r, t)| *r += t);
             }
         }
+        if self.positions {
+            let earth = positions::earth_rates_dph(n, self.attitude.latitude_deg);
+            rate.iter_mut().flatten().zip(earth.iter().flatten()).for_each(|(r, e)| *r += e);
+        }
         let with_sensors = self.thermometer.is_sensor();
         let readings = [0, 1, 2].map(|a: usize| -> Vec<f64> {
             if with_sensors {
@@ -233,21 +266,14 @@ impl Plan {
                 })
                 .collect()
         });
-        let alone = |column: Column, values: Vec<f64>| (column.name(0), values);
-        let mut optional: Vec<(&'static str, Vec<f64>)> = Vec::new();
-        if !with_sensors {
-            optional.extend(of_axes(columns::CASE, plant.case_c.each_ref().map(|c| in_sensor_steps(c))));
-        }
-        optional.push(alone(columns::CHAMBER, chamber));
-        optional.push(alone(columns::BOARD, monitors.board_c));
-        optional.push(alone(columns::SUPPLY, monitors.supply_v));
-        if !with_sensors {
-            let resonance = monitors.resonance;
-            optional.extend(of_axes(columns::DRIVE, resonance.each_ref().map(|r| r.drive_v.clone())));
-            optional.extend(of_axes(columns::QUADRATURE, resonance.map(|r| r.quad_v)));
-        }
+        let mut optional = self.beside_rates(chamber, &plant, monitors);
         if let Some(scheme) = &self.turning {
             optional.extend(of_axes(columns::TABLE_RATE, scheme.table_rates_dph(n)));
+        }
+        if self.positions {
+            let all = Accelerometers::of(self.unit_seed);
+            optional.extend(of_axes(columns::FORCE, all.forces_mps2(&plant.resonator_c, &mut rng)));
+            optional.extend(of_axes(columns::TABLE_FORCE, positions::table_mps2(n)));
         }
         Simulated {
             recording: Recording {
@@ -258,7 +284,7 @@ impl Plan {
                 rate_dph: rate,
                 optional,
                 // As a file with it is after reading: the file has it.
-                earth_rate_dph: self.turning.is_none().then(|| self.attitude.earth_rate_dph()),
+                earth_rate_dph: (!self.moved()).then(|| self.attitude.earth_rate_dph()),
                 ..Recording::default()
             },
             noise_dph: noise,

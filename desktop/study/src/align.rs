@@ -110,7 +110,7 @@ pub fn align(elf: &[u8], recording: &Recording, calibration: Option<&Calibration
     let options = Options {
         seconds: Some(seconds as u64),
         faults: WireFaults { link_in, ..WireFaults::default() },
-        accelerations: Some((START_S, accelerations)),
+        accelerations: Some((START_S, accelerations.into_iter().map(|[x, y]| [x, y, 0.0]).collect())),
         ..Options::default()
     };
     let outcome = replay::run(elf, calibration, &steps, &options, |_| {})?;

@@ -8,6 +8,7 @@ use hrg_core::link::layouts::MESSAGES;
 use hrg_core::rate_factors::RateAxis;
 use hrg_core::schema::{size, Field, Format, Layout};
 use hrg_core::self_test::Check;
+use hrg_core::specific_force::AccelerometerBias;
 use hrg_core::temperature::TemperatureCurve;
 use hrg_data::recording::columns;
 use std::fmt::Write as _;
@@ -83,7 +84,8 @@ pub fn image() -> String {
     s += &part("Effect", EffectHead::FIELDS);
     s += "\nBehind that, for each axis: n gains (f32, deg/h per unit of the regressor) and their n standard deviations.\n";
     s += &part("Accelerometers (part 1)", Accelerometers::FIELDS);
-    s + &part("Scale factor and misalignment of an axis (part 2: x, y, z)", RateAxis::FIELDS)
+    s += &part("Scale factor and misalignment of an axis (part 2: x, y, z)", RateAxis::FIELDS);
+    s + &part("Bias of an accelerometer (part 5: x, y, z; behind each the fields of part 2)", AccelerometerBias::FIELDS)
 }
 
 /// The tables of the link's messages.

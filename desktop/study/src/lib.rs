@@ -23,6 +23,7 @@ pub mod demo;
 pub mod desktop_bench;
 pub mod faults;
 pub mod fingerprint;
+pub mod forces;
 pub mod formats;
 pub mod inputs;
 pub mod measured;

@@ -289,7 +289,9 @@ fn run(command: Command) -> Result<()> {
             )
         }
         Command::Rates { seed, out, elf } => {
-            hrg_study::rates::rates(&replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?, seed, &out)
+            let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
+            hrg_study::rates::rates(&elf, seed, &out)?;
+            hrg_study::forces::forces(&elf, seed, &out)
         }
         Command::Output { page, elf } => {
             hrg_study::output::report(&replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?, page.as_deref())

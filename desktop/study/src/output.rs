@@ -3,7 +3,7 @@
 
 use crate::faults::Scene;
 use anyhow::{Context, Result};
-use hrg_board::host::{cycles, maintain};
+use hrg_board::host::{cycles, set_output};
 use hrg_board::motion::Motion;
 use hrg_board::wires::{WireFaults, Wires};
 use hrg_core::align_mode;
@@ -11,7 +11,6 @@ use hrg_core::filter::Filter;
 use hrg_core::gnss::{GnssTime, WEEK_S};
 use hrg_core::increments::IncrementFrame;
 use hrg_core::link::{Message, RATE_FRAME};
-use hrg_core::maintenance::{Answer, Command};
 use hrg_core::output::{Framing, OutputSettings};
 use hrg_core::timebase::Timebase;
 use std::f64::consts::PI;
@@ -53,14 +52,7 @@ pub fn sending(scene: &Scene, settings: OutputSettings) -> Result<Board<Wires>> 
 
 /// Has the unit send by these settings.
 fn set(scene: &Scene, board: &mut Board<Wires>, settings: OutputSettings) -> Result<()> {
-    for command in [Command::Open(scene.calibration.unit), Command::Output(settings), Command::Close] {
-        let answer = maintain(board, command)?;
-        anyhow::ensure!(answer == Some(Answer::Done), "{command:?}: {answer:?}");
-    }
-    // (They hold from the end of a second on.)
-    board.run_until(board.now() + cycles(1.2))?;
-    board.world.set_output(settings);
-    Ok(())
+    set_output(board, scene.calibration.unit, settings)
 }
 
 /// Response to a vibration.

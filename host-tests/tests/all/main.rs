@@ -13,6 +13,7 @@ mod day;
 mod docs;
 mod elf;
 mod faults;
+mod forces;
 mod foreign;
 mod inputs;
 mod interlock;

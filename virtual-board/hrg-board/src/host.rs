@@ -5,6 +5,7 @@ use anyhow::{Context, Result};
 use hrg_core::calibration::Calibration;
 use hrg_core::link::{Identity, Message};
 use hrg_core::maintenance::{self, Answer, Command, Reply};
+use hrg_core::output::OutputSettings;
 use hrg_core::self_test::Item;
 use hrg_core::signature::SIGNATURE;
 use hrg_core::slots;
@@ -206,6 +207,20 @@ pub fn running(board: &mut Board<Wires>, seconds: f64) -> Result<Identity> {
         _ => None,
     })?;
     identity.context("the board stopped")
+}
+
+/// Has the unit of a name send by these settings; they hold from the end of a second on, and two seconds have gone by after it.
+///
+/// # Errors
+/// If the unit refuses them, or the board does not model what it does.
+pub fn set_output(board: &mut Board<Wires>, unit: UnitName, settings: OutputSettings) -> Result<()> {
+    for command in [Command::Open(unit), Command::Output(settings), Command::Close] {
+        let answer = maintain(board, command)?;
+        anyhow::ensure!(answer == Some(Answer::Done), "{command:?}: {answer:?}");
+    }
+    board.run_until(board.now() + cycles(1.2))?;
+    board.world.set_output(settings);
+    Ok(())
 }
 
 /// Seconds as cycles.

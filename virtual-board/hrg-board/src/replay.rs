@@ -1,10 +1,12 @@
 //! A whole run of the ELF over a recording.
 
+use crate::host;
 use crate::twin::Twin;
 use crate::wires::{Received, WireFaults, Wires};
 use anyhow::{Context, Result};
 use hrg_core::calibration::Calibration;
 use hrg_core::inputs::{Channel, QuantitySet};
+use hrg_core::output::OutputSettings;
 use hrg_core::parts::{self, Parts};
 use hrg_core::status::UnitStatus;
 use hrg_core::timebase::Timebase;
@@ -41,7 +43,9 @@ pub struct Options {
     /// Functions whose calls are counted, by a part of their symbol.
     pub count: Vec<&'static str>,
     /// Accelerometers: time (s) from which, and increments of velocity (m/s) second by second.
-    pub accelerations: Option<(f64, Vec<[f64; 2]>)>,
+    pub accelerations: Option<(f64, Vec<[f64; 3]>)>,
+    /// The unit is told to send by these settings in its third second; what it sent before is not kept.
+    pub output: Option<OutputSettings>,
     /// Count instructions function by function.
     pub profile: bool,
     /// The chip on the board.
@@ -58,6 +62,7 @@ impl Default for Options {
             seconds: None,
             count: vec![],
             accelerations: None,
+            output: None,
             profile: false,
             part: &part::STM32F446RE,
         }
@@ -151,7 +156,7 @@ pub fn run(
 ) -> Result<Outcome> {
     let used = calibration.cloned().unwrap_or_else(Calibration::uncalibrated);
     let start_status = if calibration.is_some() { UnitStatus::empty() } else { UnitStatus::DEFAULT_CALIBRATION };
-    let scale = used.scale_factors_dph_per_code();
+    let (scale, name) = (used.scale_factors_dph_per_code(), used.unit);
     let parts = parts(&Firmware::parse(elf)?);
     let timebase = Timebase::at(options.part.timer_hz() as u32);
     let twin = options.compare.then(|| Twin::at(timebase, used, start_status, parts).with_ambient(steps));
@@ -178,7 +183,11 @@ pub fn run(
     let start = std::time::Instant::now();
     let mut watchdog_resets = 0;
     for second in 1..=seconds {
-        while board.run_until(second * CPU_HZ)? == Stop::Watchdog {
+        if let Some(settings) = options.output.filter(|_| second == 3) {
+            host::set_output(&mut board, name, settings)?;
+            board.world.received = Received::default();
+        }
+        while board.now() < second * CPU_HZ && board.run_until(second * CPU_HZ)? == Stop::Watchdog {
             watchdog_resets += 1;
         }
         progress(second as f64 / seconds as f64);

@@ -181,7 +181,7 @@ pub struct Wires {
     held: [f64; 3],
     faults: WireFaults,
     /// Time (s) from which, and increments of velocity second by second.
-    accelerations: Option<(f64, Vec<[f64; 2]>)>,
+    accelerations: Option<(f64, Vec<[f64; 3]>)>,
     acceleration_carry: [f64; 3],
     /// A motion from a time on, s, in the place of the recording's rates and accelerations, with the ADC's filter.
     motion: Option<(Motion, f64, Vec<f64>)>,
@@ -372,7 +372,7 @@ impl Wires {
 
     /// With accelerometers: from a time (s) on, increments of velocity (m/s) second by second.
     #[must_use]
-    pub fn with_accelerations(mut self, start_s: f64, increments: Vec<[f64; 2]>) -> Self {
+    pub fn with_accelerations(mut self, start_s: f64, increments: Vec<[f64; 3]>) -> Self {
         self.accelerations = Some((start_s, increments));
         self
     }

@@ -31,8 +31,11 @@ const DIRECTIONS_KEY: &str = "uncertainty_directions_dph";
 /// Key of an effect's state at the begin of a unit.
 const START: &str = "start";
 
-/// Errors of the accelerometers.
+/// Errors of the accelerometers, for the align mode.
 const ACCELEROMETERS: &str = "accelerometers";
+
+/// Three accelerometers over temperature.
+const ACCELEROMETER: &str = "accelerometer";
 
 /// The inputs beside the frequencies.
 const INPUT: &str = "input";
@@ -93,6 +96,7 @@ mod tests {
     use hrg_core::calibration::EffectTerm;
     use hrg_core::half::Half;
     use hrg_core::rate_factors::RateAxis;
+    use hrg_core::specific_force::{Accelerometer, AccelerometerBias};
     use proptest::prelude::*;
 
     #[test]
@@ -163,6 +167,12 @@ mod tests {
                 r.scale_correction_ppm = [k[0], k[1], k[2], k[3], g, -g];
                 r.misalignment_urad = [[k[4], g], [g, k[5]]];
                 c.rates = Some([r; 3]);
+            }
+            if g > 3.0 {
+                let bias_mps2 = k.map(|k| 1e-4 * k);
+                let bias = AccelerometerBias { bias_mps2, bias_std_mps2: [1e-5 * g; 5] };
+                let errors = RateAxis { rate_valid_to_c: g, misalignment_urad: [[g, -g]; 2], ..RateAxis::default() };
+                c.specific_force = Some([Accelerometer { bias, errors }; 3]);
             }
             let again = from_text(&to_text(&c)).expect("readable");
             prop_assert_eq!(again.to_bytes(), c.to_bytes());

@@ -1,8 +1,8 @@
 //! Reads the text of a calibration.
 
 use super::{
-    is_checksum, FileError, ACCELEROMETERS, DIRECTIONS_KEY, FOUR_PARAMETER, INPUT, QUANTITY, REST, SENSOR, START,
-    VERSION,
+    is_checksum, FileError, ACCELEROMETER, ACCELEROMETERS, DIRECTIONS_KEY, FOUR_PARAMETER, INPUT, QUANTITY, REST,
+    SENSOR, START, VERSION,
 };
 use crate::axes::AXIS_NAMES;
 use crate::recording::columns;
@@ -14,6 +14,7 @@ use hrg_core::half::Half;
 use hrg_core::inputs::{self, Input};
 use hrg_core::rate_factors::RateAxis;
 use hrg_core::schema::{Format, Layout, Number};
+use hrg_core::specific_force::Accelerometer;
 use hrg_core::visited::Visited;
 use hrg_core::AXES;
 use toml::{Table, Value};
@@ -235,6 +236,16 @@ pub fn from_text(text: &str) -> Result<Calibration, FileError> {
     }
     if let Some(given) = file.get(ACCELEROMETERS).and_then(Value::as_table) {
         fill(&mut c.accelerometers, given, &format!("[{ACCELEROMETERS}]"))?;
+    }
+    if let Some(given) = file.get(ACCELEROMETER).and_then(Value::as_table) {
+        let mut all = [Accelerometer::default(); AXES];
+        for (to, n) in all.iter_mut().zip(AXIS_NAMES) {
+            let place = format!("{ACCELEROMETER}.{n}");
+            let one = table(given, n, &place)?;
+            fill(&mut to.bias, &one, &format!("[{place}]"))?;
+            fill(&mut to.errors, &one, &format!("[{place}]"))?;
+        }
+        c.specific_force = Some(all);
     }
     c.check().map_err(FileError::Unusable)?;
     let stated = file.get("block_crc32").and_then(Value::as_str);

@@ -1,7 +1,8 @@
 //! Writes a calibration as text.
 
 use super::{
-    is_checksum, ACCELEROMETERS, DIRECTIONS_KEY, FOUR_PARAMETER, INPUT, QUANTITY, REST, SENSOR, START, VERSION,
+    is_checksum, ACCELEROMETER, ACCELEROMETERS, DIRECTIONS_KEY, FOUR_PARAMETER, INPUT, QUANTITY, REST, SENSOR, START,
+    VERSION,
 };
 use crate::axes::AXIS_NAMES;
 use hrg_core::accelerometers::Accelerometers;
@@ -13,6 +14,7 @@ use hrg_core::half::Half;
 use hrg_core::inputs::{self, Input};
 use hrg_core::rate_factors::RateAxis;
 use hrg_core::schema::{Field, Format, Layout, Number};
+use hrg_core::specific_force::Accelerometer;
 use hrg_core::visited::Visited;
 use hrg_core::AXES;
 use serde::ser::{SerializeMap, SerializeSeq};
@@ -205,6 +207,12 @@ pub fn to_text(c: &Calibration) -> String {
     }
     if c.accelerometers != Accelerometers::IDEAL {
         file.push((ACCELEROMETERS.into(), Item::Table(entries(&c.accelerometers))));
+    }
+    if let Some(all) = &c.specific_force {
+        let one = |(n, a): (&&str, &Accelerometer)| {
+            ((*n).to_string(), Item::Table(entries(&a.bias).into_iter().chain(entries(&a.errors)).collect()))
+        };
+        file.push((ACCELEROMETER.into(), Item::Table(AXIS_NAMES.iter().zip(all).map(one).collect())));
     }
     let body = toml::to_string(&Item::Table(file)).unwrap_or_else(|e| format!("# cannot be written: {e}\n"));
     format!("{HEAD}{body}")

@@ -1,5 +1,6 @@
 //! Takes out what cannot be true: rows out of order, stuck values, spikes. Each kind is found, counted and noted.
 
+use super::columns::Column;
 use super::steps::BRIDGE_S;
 use super::thermometer::Thermometer;
 use super::{columns, step_of, Recording};
@@ -242,7 +243,7 @@ impl Recording {
                 0 => (thermometer.column(place), Cells::Sensor),
                 1 if !axes.contains(&(place - AXES)) => continue,
                 1 => (columns::RATE.name(place - AXES), Cells::Rate),
-                _ if columns::TABLE_RATE.names.contains(&names[place - 2 * AXES]) => continue,
+                _ if STEPPED.iter().any(|c| c.names.contains(&names[place - 2 * AXES])) => continue,
                 _ => (names[place - 2 * AXES], Cells::Sensor),
             };
             let found = Found { column: column.into(), place, needed: place < 2 * AXES, ..Found::default() };
@@ -287,6 +288,9 @@ impl Recording {
         (found, step_s)
     }
 }
+
+/// Columns whose values step as a table does.
+const STEPPED: [Column; 3] = [columns::TABLE_RATE, columns::TABLE_FORCE, columns::FORCE];
 
 /// Defects found in a column.
 #[derive(Default)]

@@ -104,6 +104,10 @@ columns! {
     INPUT_3: &["input_3"], "as it comes", Format::Exact, Role::Optional, "no", "third input of the user's own";
     TABLE_RATE: axes!("table_rate_", "_dph"), "deg/h", Format::Digits(5), Role::Optional,
         "for `hrg fit --rates`, or `# table_rate_dph`", "rate at which a table turned the case, along its axes, beside the earth's rate";
+    FORCE: axes!("force_", "_mps2"), "m/s^2", Format::Digits(7), Role::Optional,
+        "for `hrg fit --accelerometers`", "mean specific force along the axes, as the accelerometers give it (from a unit: corrected by the image of `# calibration`)";
+    TABLE_FORCE: axes!("table_force_", "_mps2"), "m/s^2", Format::Digits(7), Role::Optional,
+        "for `hrg fit --accelerometers`", "specific force along the axes of the case in the position that it was held in: gravity, upwards";
     RAW: axes!("raw_", "_dph"), "deg/h", Format::Exact, Role::Computed,
         "no; beside corrected rates", "mean raw rate of the row";
     BIAS: axes!("bias_", "_dph"), "deg/h", Format::Exact, Role::Computed,

@@ -179,10 +179,27 @@ impl Recording {
         Some(constant.map(|rate| vec![rate; n]))
     }
 
-    /// `true` if a rate table turned the unit: such a recording shows scale factors, and not the bias alone.
+    /// Specific force along the axes by the accelerometers, and that of the position that the case was held in, m/s^2 in each row; `None` without both.
+    #[must_use]
+    pub fn forces_mps2(&self) -> Option<[[&[f64]; AXES]; 2]> {
+        let of = |c: columns::Column| {
+            let [x, y, z] = [0, 1, 2].map(|a| self.column(c.name(a)));
+            Some([x?, y?, z?])
+        };
+        Some([of(columns::FORCE)?, of(columns::TABLE_FORCE)?])
+    }
+
+    /// `true` if a rate table turned the unit, or it was held in several positions: such a recording does not show the bias of its gyros alone.
     #[must_use]
     pub fn turned(&self) -> bool {
-        self.table_rate_dph().is_some_and(|rates| rates.iter().flatten().any(|r| *r != 0.0))
+        self.table_rate_dph().is_some_and(|rates| rates.iter().flatten().any(|r| *r != 0.0)) || self.positioned()
+    }
+
+    /// `true` if it was held in several positions.
+    #[must_use]
+    pub fn positioned(&self) -> bool {
+        let forces = columns::TABLE_FORCE.names.iter().filter_map(|name| self.column(name));
+        forces.into_iter().any(|f| f.iter().any(|v| v.is_finite() && *v != f[0]))
     }
 
     /// Name of the unit; [`names::NONE`] where the file does not tell, or the unit had none.

@@ -3,8 +3,10 @@
 use crate::unit::sensors;
 use crate::unit::sensors::Sensors;
 use anyhow::{Context, Result};
+use hrg_core::increments::IncrementFrame;
 use hrg_core::inputs::{QuantitySet, QUANTITIES};
 use hrg_core::link::{Housekeeping, InputsUsed};
+use hrg_core::timebase::Timebase;
 use hrg_core::AXES;
 use hrg_data::error::BadInput;
 use hrg_data::recording::columns;
@@ -200,12 +202,35 @@ pub struct Recorder {
     /// Inputs of the step that is coming, and those that have a column.
     used: InputsUsed,
     inputs: QuantitySet,
+    /// Increments since the last second; and there is a column for their mean.
+    increments: Force,
+    with_force: bool,
     last: Option<Second>,
     /// Milliseconds by which the unit's 32-bit counter has wrapped.
     wrapped_ms: u64,
     power_ons: u32,
     /// Each file written, the last one still.
     files: Vec<RecordedFile>,
+}
+
+/// Mean specific force of the increments of a second.
+#[derive(Debug, Clone, Copy, Default)]
+struct Force {
+    velocity_mps: [f64; AXES],
+    ticks: u64,
+}
+
+impl Force {
+    fn add(&mut self, frame: &IncrementFrame) {
+        self.velocity_mps.iter_mut().zip(frame.velocity_mps).for_each(|(sum, v)| *sum += f64::from(v));
+        self.ticks += u64::from(frame.ticks);
+    }
+
+    /// m/s^2; NaN of an accelerometer that the unit does not have, or that was at its end, and of a second without increments.
+    fn mean_mps2(&self) -> [f64; AXES] {
+        let seconds = self.ticks as f64 / f64::from(Timebase::REFERENCE.ticks_per_s());
+        self.velocity_mps.map(|v| if self.ticks == 0 { f64::NAN } else { v / seconds })
+    }
 }
 
 /// A file, with its rows and the gaps that are marked in it.
@@ -230,6 +255,8 @@ impl Recorder {
             length: 0,
             used: InputsUsed::default(),
             inputs: QuantitySet::empty(),
+            increments: Force::default(),
+            with_force: false,
             last: None,
             wrapped_ms: 0,
             power_ons: 0,
@@ -311,6 +338,10 @@ impl Recorder {
         if self.sensors.is_some() {
             sensors::COLUMNS.iter().flat_map(|c| c.names).for_each(|name| head.extend([",", name]));
         }
+        self.with_force = self.increments.ticks > 0;
+        if self.with_force {
+            columns::FORCE.names.iter().for_each(|name| head.extend([",", name]));
+        }
         head.push('\n');
         self.files.push(RecordedFile { path: path.clone(), rows: 0, gaps: 0 });
         self.file = Some((file, path));
@@ -335,6 +366,11 @@ impl Recorder {
     /// Takes the inputs of a model step; its housekeeping comes after it.
     pub fn take_inputs(&mut self, used: InputsUsed) {
         self.used = used;
+    }
+
+    /// Takes increments; the housekeeping of their second comes after them. (It ends some 30 ms before the last of them.)
+    pub fn take_increments(&mut self, frame: &IncrementFrame) {
+        self.increments.add(frame);
     }
 
     /// `true` if the inputs of that second have come.
@@ -391,6 +427,10 @@ impl Recorder {
         for v in self.sensors.as_mut().map(|s| s.at(now_s)).iter().flatten() {
             let _ = if v.is_finite() { write!(row, ",{v}") } else { write!(row, ",") };
         }
+        let force = std::mem::take(&mut self.increments);
+        for v in force.mean_mps2().iter().filter(|_| self.with_force) {
+            let _ = if v.is_finite() { write!(row, ",{v:.7}") } else { write!(row, ",") };
+        }
         row.push('\n');
         self.append(&row)?;
         if let Some(file) = self.files.last_mut() {
@@ -431,6 +471,25 @@ mod tests {
         }
         let boot = "INFO  hrg firmware 0.1.0: unit HRG-7, calibration deadbeef no. 3, status 00";
         assert_eq!(unit_in_log(boot), Some("HRG-7"));
+    }
+
+    #[test]
+    fn increments_become_the_mean_specific_force_of_a_second() {
+        let path = std::env::temp_dir().join(format!("hrg-record-force-{}.csv", std::process::id()));
+        let _ = std::fs::remove_file(&path);
+        let mut r = Recorder::new(&path, "HRG-7");
+        let mut tenth = IncrementFrame::default();
+        (tenth.ticks, tenth.velocity_mps) = (9_000_000, [0.981, 0.0, f32::NAN]);
+        for k in 1..200u32 {
+            // (A second without any is a gap in the column.)
+            (0..10).filter(|_| k != 8).for_each(|_| r.take_increments(&tenth));
+            r.push(&second(k * 1000)).expect("written");
+        }
+        let text = std::fs::read_to_string(&path).expect("there");
+        let again = hrg_data::recording::Recording::parse(text.as_bytes()).expect("a recording");
+        let x = again.column("force_x_mps2").expect("there");
+        assert!((x[3] - 9.81).abs() < 1e-6 && x[7].is_nan() && again.column("force_y_mps2").expect("there")[3] == 0.0);
+        assert!(again.column("force_z_mps2").is_none_or(|z| z[3].is_nan()));
     }
 
     #[test]

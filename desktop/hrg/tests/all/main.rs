@@ -5,6 +5,7 @@ mod burn;
 mod cli;
 mod day;
 mod effect_names;
+mod forces;
 mod import;
 mod judge;
 mod outputs;

@@ -23,6 +23,7 @@ use hrg_core::inputs::{self, Quantities};
 use hrg_core::link::Housekeeping;
 use hrg_core::rate_factors::Factors;
 use hrg_core::rate_path::PendingBias;
+use hrg_core::specific_force::SpecificForce;
 use hrg_core::status::{AxisStatus, UnitStatus};
 use hrg_core::timebase::Timebase;
 use hrg_core::{AXES, MODEL_STEP_S};
@@ -165,30 +166,43 @@ const COUNTED_BY_UNIT: u16 = UnitStatus::ADC_FAULT
     .union(UnitStatus::FRAMES_DROPPED)
     .bits();
 
+/// The model steps of a run under a calibration, as a unit makes them from these frequencies.
+fn model_steps<'a>(calibration: &Calibration, steps: &'a Steps) -> impl Iterator<Item = Stepped> + 'a {
+    let age_s = steps.start_s - steps.power_on_s - f64::from(MODEL_STEP_S);
+    let mut model = Model::new(calibration.clone(), age_s as f32);
+    let ticks = (f64::from(Timebase::REFERENCE.ticks_per_s()) * f64::from(MODEL_STEP_S)) as u64;
+    (0..steps.len()).map(move |k| {
+        model.set_inputs(steps.given(k));
+        model.step(&StepFrequencies {
+            step: k as u32,
+            end_ticks: (k as u64 + 1) * ticks,
+            frequency_hz: [0, 1, 2].map(|a: usize| Some(steps.frequency_hz[a][k]).filter(|f| f.is_finite())),
+            rejected: [0; AXES],
+            missing: [0; AXES],
+        })
+    })
+}
+
+/// Errors of the accelerometers by which the samples of each second are corrected: those of the step before; none in the first.
+#[must_use]
+pub fn specific_forces(calibration: &Calibration, steps: &Steps) -> Vec<SpecificForce> {
+    let after = model_steps(calibration, steps).map(|s| s.output.specific_force);
+    std::iter::once(SpecificForce::NONE).chain(after).take(steps.len()).collect()
+}
+
 /// The seconds of a run under a calibration, as a unit computes them from these frequencies and raw rates. Status bits that come
 /// of a unit's counters alone (edge errors, link, dropped frames) are not set.
 #[must_use]
 pub fn correct(calibration: &Calibration, steps: &Steps) -> Vec<Second> {
-    let age_s = steps.start_s - steps.power_on_s - f64::from(MODEL_STEP_S);
-    let mut model = Model::new(calibration.clone(), age_s as f32);
-    let ticks = (f64::from(Timebase::REFERENCE.ticks_per_s()) * f64::from(MODEL_STEP_S)) as u64;
-    (0..steps.len())
-        .map(|k| {
-            let frequency_hz = [0, 1, 2].map(|a: usize| steps.frequency_hz[a][k]);
-            model.set_inputs(steps.given(k));
-            let Stepped { output, held_dph, held_factors, .. } = model.step(&StepFrequencies {
-                step: k as u32,
-                end_ticks: (k as u64 + 1) * ticks,
-                frequency_hz: frequency_hz.map(|f| Some(f).filter(|f| f.is_finite())),
-                rejected: [0; AXES],
-                missing: [0; AXES],
-            });
+    model_steps(calibration, steps)
+        .enumerate()
+        .map(|(k, Stepped { output, held_dph, held_factors, .. })| {
             let raw_dph = [0, 1, 2].map(|a: usize| steps.rate_dph[a][k] as f32);
             let silent = raw_dph.iter().all(|r| r.is_nan());
             let [x, y, z] = output.status.map(|s| s.bits());
             Second {
                 time_s: steps.start_s + k as f64 * f64::from(MODEL_STEP_S),
-                frequency_hz,
+                frequency_hz: [0, 1, 2].map(|a: usize| steps.frequency_hz[a][k]),
                 corrected_dph: held_factors.corrected_dph(raw_dph, held_dph),
                 raw_dph,
                 bias_dph: output.bias_dph,

@@ -238,6 +238,12 @@ fn raw_steps(r: &Recording) -> Result<Steps, BadInput> {
             r.unit()
         )));
     }
+    if r.positioned() {
+        return Err(BadInput::new(format!(
+            "the recording of {} was made in several positions, each with another part of the earth's rate; hrg fit --accelerometers takes its accelerometers out of it",
+            r.unit()
+        )));
+    }
     if r.turned() {
         return Err(BadInput::new(format!(
             "the recording of {} was made on a table that turned the unit; hrg fit --rates takes its scale factors out of it",

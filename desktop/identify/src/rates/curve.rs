@@ -33,7 +33,7 @@ const LEAST_FREE: usize = 4;
 
 /// A value of a visit.
 #[derive(Debug, Clone)]
-pub(super) struct Point {
+pub(crate) struct Point {
     /// Regressors of all terms.
     pub x: Vec<f64>,
     /// Mean temperature, C, and ramp, C per minute.
@@ -82,7 +82,7 @@ fn common(a: (f64, f64), b: (f64, f64)) -> f64 {
 
 impl Curve {
     /// Through points, by the terms in use out of `terms`; `None`: too few points, or terms that they do not tell apart.
-    pub(super) fn fit(points: &[Point], terms: usize, in_use: &[usize]) -> Option<Self> {
+    pub(crate) fn fit(points: &[Point], terms: usize, in_use: &[usize]) -> Option<Self> {
         let (n, p) = (points.len(), in_use.len());
         if n < p + LEAST_FREE {
             return None;

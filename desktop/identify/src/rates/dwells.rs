@@ -1,4 +1,5 @@
-//! The dwells of a run on a rate table: times at one rate, behind the settling, of whole revolutions.
+//! The dwells of a run on a rate table: times at one rate, behind the settling, of whole revolutions; and those of a run in positions
+//! ([`crate::forces`]): times at one specific force.
 
 use crate::fit::correct;
 use hrg_core::calibration::Calibration;
@@ -15,15 +16,15 @@ const SHORTEST_S: usize = 30;
 /// Two rates that differ by less than this share are one rate.
 const SAME: f64 = 1e-4;
 
-/// A time at one rate.
+/// A time at one rate, or at one specific force: values are in deg/h, or in m/s^2.
 #[derive(Debug, Clone)]
 pub struct Dwell {
-    /// Number of the visit of an axis that it belongs to: dwells about one axis after each other, of whatever sign. The bias and the
+    /// Number of the visit of an axis that it belongs to: dwells about (or along) one axis after each other, of whatever sign. The bias and the
     /// earth's rate along the table's axis are the same in it.
     pub visit: usize,
-    /// Rate of the table along the axes of the case, deg/h.
-    pub table_dph: [f64; AXES],
-    /// Axis that lies along the table's; `None`: at rest, or askew.
+    /// The table's rate, or the position's specific force, along the axes of the case.
+    pub table: [f64; AXES],
+    /// Axis that lies along it; `None`: at rest, or askew.
     pub about: Option<usize>,
     /// Seconds of the recording that it takes, settling and end apart.
     pub at: std::ops::Range<usize>,
@@ -33,22 +34,37 @@ pub struct Dwell {
     pub temperature_c: [f64; AXES],
     /// Mean ramp, C per minute.
     pub ramp_c_per_min: [f64; AXES],
-    /// Mean raw rate less the bias of the calibration, deg/h.
-    pub unbiased_dph: [f64; AXES],
-    /// Mean rate as the calibration corrects it, deg/h.
-    pub corrected_dph: [f64; AXES],
-    /// Means of the regressors of the scale factor, each times the rate less its bias, deg/h.
-    pub scale_dph: [[f64; SCALE_TERMS]; AXES],
-    /// Means of the normalised temperature of the axis times the rates less their biases, deg/h.
-    pub by_temperature_dph: [[f64; AXES]; AXES],
+    /// Mean raw value less the bias of the calibration.
+    pub unbiased: [f64; AXES],
+    /// Mean value as the calibration corrects it.
+    pub corrected: [f64; AXES],
+    /// Means of the regressors of the scale factor.
+    pub regressors: [[f64; SCALE_TERMS]; AXES],
+    /// The same, each times the value less its bias.
+    pub scaled: [[f64; SCALE_TERMS]; AXES],
+    /// Means of the normalised temperature of the axis times the values less their biases.
+    pub by_temperature: [[f64; AXES]; AXES],
 }
 
 impl Dwell {
-    /// Rate about its axis, deg/h; 0 at rest.
+    /// Value along its axis; 0 at rest.
     #[must_use]
-    pub fn rate_dph(&self) -> f64 {
-        self.about.map_or(0.0, |a| self.table_dph[a])
+    pub fn given(&self) -> f64 {
+        self.about.map_or(0.0, |a| self.table[a])
     }
+}
+
+/// Values of rows, second by second; NaN where no row stands.
+pub(crate) fn by_step(values: &[&[f64]; AXES], r: &Recording, steps: &Steps) -> [Vec<f64>; AXES] {
+    let mut out = [0; AXES].map(|_| vec![f64::NAN; steps.len()]);
+    for (k, t) in r.time_s.iter().enumerate() {
+        let at = ((t - steps.start_s).round() as usize).min(steps.len() - 1);
+        for (to, from) in out.iter_mut().zip(values) {
+            // (Of several rows of a second the last.)
+            to[at] = from[k];
+        }
+    }
+    out
 }
 
 /// The table's rates, second by second; NaN where no row stands.
@@ -59,21 +75,13 @@ pub(super) fn table_by_step(r: &Recording, steps: &Steps) -> Result<[Vec<f64>; A
             r.unit()
         ))
     })?;
-    let mut out = [0; AXES].map(|_| vec![f64::NAN; steps.len()]);
-    for (k, t) in r.time_s.iter().enumerate() {
-        let at = ((t - steps.start_s).round() as usize).min(steps.len() - 1);
-        for (to, from) in out.iter_mut().zip(&table) {
-            // (Of several rows of a second the last.)
-            to[at] = from[k];
-        }
-    }
-    Ok(out)
+    Ok(by_step(&table.each_ref().map(Vec::as_slice), r, steps))
 }
 
 /// The one axis that a rate is about.
-fn axis_of(table_dph: [f64; AXES]) -> Option<usize> {
-    let size = table_dph.iter().map(|t| t * t).sum::<f64>().sqrt();
-    (0..AXES).find(|a| size > 0.0 && table_dph[*a].abs() > 0.999 * size)
+fn axis_of(table: [f64; AXES]) -> Option<usize> {
+    let size = table.iter().map(|t| t * t).sum::<f64>().sqrt();
+    (0..AXES).find(|a| size > 0.0 && table[*a].abs() > 0.999 * size)
 }
 
 /// Last seconds of so many that are whole revolutions at a rate; all of them at rest, none where there is not one.
@@ -83,6 +91,22 @@ fn whole_revolutions(seconds: usize, rate_dph: f64) -> usize {
     }
     let period_s = 360.0 * 3600.0 / rate_dph.abs();
     ((seconds as f64 / period_s + 1e-6).floor() * period_s).round() as usize
+}
+
+/// One second of what is looked at: raw values less the bias that held in it, and corrected values; NaN where there were none.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Values {
+    pub unbiased: [f64; AXES],
+    pub corrected: [f64; AXES],
+}
+
+/// Kind of values that a table gives.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Given {
+    /// Rates: their dwells are whole revolutions.
+    Rates,
+    /// Specific forces.
+    Forces,
 }
 
 /// The dwells of a run, corrected by a calibration; visits count from `first_visit`.
@@ -125,72 +149,98 @@ fn of_seconds(
     first_visit: usize,
     unit: &str,
 ) -> Result<Vec<Dwell>, BadInput> {
+    // The bias that a unit has is that of the second before.
+    let before = |k: usize| k.checked_sub(1).map(|k| seconds[k].bias_dph);
+    let values: Vec<Values> = (0..seconds.len())
+        .map(|k| Values {
+            unbiased: [0, 1, 2].map(|a: usize| {
+                before(k).map_or(f64::NAN, |bias| f64::from(seconds[k].raw_dph[a]) - f64::from(bias[a]))
+            }),
+            corrected: seconds[k].corrected_dph.map(f64::from),
+        })
+        .collect();
+    of_values(Given::Rates, table, &values, calibration, steps, first_visit)?.ok_or_else(|| {
+        BadInput::new(format!(
+            "the recording of {unit} has no time of {SHORTEST_S} s at one rate of the table, in whole revolutions, {SETTLE_S} s of settling apart"
+        ))
+    })
+}
+
+/// The dwells of values; `None`: there is none.
+pub(crate) fn of_values(
+    given: Given,
+    table: &[Vec<f64>; AXES],
+    values: &[Values],
+    calibration: &Calibration,
+    steps: Steps,
+    first_visit: usize,
+) -> Result<Option<Vec<Dwell>>, BadInput> {
     let run = Run::new(steps, calibration.axes.each_ref().map(|a| a.curve));
     let at = |k: usize| [0, 1, 2].map(|a: usize| table[a][k]);
+    let size = |v: [f64; AXES]| v.iter().map(|v| v * v).sum::<f64>().sqrt();
     let same = |a: [f64; AXES], b: [f64; AXES]| {
-        let size = a.iter().map(|v| v * v).sum::<f64>().sqrt();
-        a.iter().zip(b).all(|(x, y)| (x - y).abs() <= SAME * size + 1e-3)
+        let tolerance = SAME * size(a) + if given == Given::Rates { 1e-3 } else { 0.0 };
+        a.iter().zip(b).all(|(x, y)| (x - y).abs() <= tolerance)
     };
     let mut out: Vec<Dwell> = Vec::new();
     let mut visit = first_visit;
     let mut last_axis = None;
     let mut from = 0;
-    let n = seconds.len().min(table[0].len());
+    let n = values.len().min(table[0].len());
     while from < n {
         let rate = at(from);
         let to = (from + 1..n).find(|k| !same(rate, at(*k))).unwrap_or(n);
         let about = axis_of(rate);
         let settled = (to - from).saturating_sub(SETTLE_S + END_S);
-        let used = whole_revolutions(settled, rate.iter().map(|v| v * v).sum::<f64>().sqrt());
+        let used = match given {
+            Given::Rates => whole_revolutions(settled, size(rate)),
+            Given::Forces => settled,
+        };
         if about != last_axis {
             visit += 1;
             last_axis = about;
         }
         if used >= SHORTEST_S && rate.iter().all(|v| v.is_finite()) {
-            out.extend(one(&run, calibration, seconds, to - END_S - used..to - END_S, rate, about, visit));
+            out.extend(one(&run, calibration, values, to - END_S - used..to - END_S, rate, about, visit));
         }
         from = to;
     }
-    if out.is_empty() {
-        return Err(BadInput::new(format!(
-            "the recording of {unit} has no time of {SHORTEST_S} s at one rate of the table, in whole revolutions, {SETTLE_S} s of settling apart"
-        )));
-    }
-    Ok(out)
+    Ok(Some(out).filter(|o| !o.is_empty()))
 }
 
-/// The means of a dwell; `None` where most of its seconds have no rate or temperature.
+/// The means of a dwell; `None` where most of its seconds have no value or temperature.
 fn one(
     run: &Run,
     calibration: &Calibration,
-    seconds: &[correct::Second],
+    values: &[Values],
     at: std::ops::Range<usize>,
-    table_dph: [f64; AXES],
+    table: [f64; AXES],
     about: Option<usize>,
     visit: usize,
 ) -> Option<Dwell> {
     let mut d = Dwell {
         visit,
-        table_dph,
+        table,
         about,
         at: at.clone(),
         seconds: 0,
         temperature_c: [0.0; AXES],
         ramp_c_per_min: [0.0; AXES],
-        unbiased_dph: [0.0; AXES],
-        corrected_dph: [0.0; AXES],
-        scale_dph: [[0.0; SCALE_TERMS]; AXES],
-        by_temperature_dph: [[0.0; AXES]; AXES],
+        unbiased: [0.0; AXES],
+        corrected: [0.0; AXES],
+        regressors: [[0.0; SCALE_TERMS]; AXES],
+        scaled: [[0.0; SCALE_TERMS]; AXES],
+        by_temperature: [[0.0; AXES]; AXES],
     };
     let wanted = at.len();
     for k in at {
-        let (s, before) = (&seconds[k], &seconds[k.checked_sub(1)?]);
-        // The bias and the temperatures that the unit has are those of the second before.
-        let states = [0, 1, 2].map(|a: usize| run.state(k - 1, a));
+        let Values { unbiased, corrected } = values[k];
+        // The temperatures that the unit has are those of the second before, too.
+        let before = k.checked_sub(1)?;
+        let states = [0, 1, 2].map(|a: usize| run.state(before, a));
         let [Some(x), Some(y), Some(z)] = states else { continue };
         let states = [x, y, z];
-        let free = [0, 1, 2].map(|a: usize| f64::from(s.raw_dph[a]) - f64::from(before.bias_dph[a]));
-        if free.iter().any(|v| !v.is_finite()) {
+        if unbiased.iter().any(|v| !v.is_finite()) {
             continue;
         }
         d.seconds += 1;
@@ -198,20 +248,21 @@ fn one(
             let (t, r) = states[a];
             d.temperature_c[a] += f64::from(t);
             d.ramp_c_per_min[a] += f64::from(r);
-            d.unbiased_dph[a] += free[a];
-            d.corrected_dph[a] += f64::from(s.corrected_dph[a]);
+            d.unbiased[a] += unbiased[a];
+            d.corrected[a] += corrected[a];
             let u = f64::from(calibration.scaling.u(t));
-            let regressors = scale_regressors(&calibration.scaling, t, r);
-            d.scale_dph[a].iter_mut().zip(regressors).for_each(|(to, x)| *to += f64::from(x) * free[a]);
-            d.by_temperature_dph[a].iter_mut().zip(free).for_each(|(to, f)| *to += u * f);
+            let regressors = scale_regressors(&calibration.scaling, t, r).map(f64::from);
+            d.regressors[a].iter_mut().zip(regressors).for_each(|(to, x)| *to += x);
+            d.scaled[a].iter_mut().zip(regressors).for_each(|(to, x)| *to += x * unbiased[a]);
+            d.by_temperature[a].iter_mut().zip(unbiased).for_each(|(to, f)| *to += u * f);
         }
     }
     if 2 * d.seconds < wanted {
         return None;
     }
     let share = 1.0 / d.seconds as f64;
-    let rows = d.scale_dph.as_flattened_mut().iter_mut().chain(d.by_temperature_dph.as_flattened_mut());
-    let means = d.temperature_c.iter_mut().chain(&mut d.ramp_c_per_min).chain(&mut d.unbiased_dph);
-    means.chain(&mut d.corrected_dph).chain(rows).for_each(|v| *v *= share);
+    let rows = [&mut d.scaled, &mut d.regressors].into_iter().flat_map(|r| r.as_flattened_mut());
+    let means = d.temperature_c.iter_mut().chain(&mut d.ramp_c_per_min).chain(&mut d.unbiased).chain(&mut d.corrected);
+    means.chain(d.by_temperature.as_flattened_mut()).chain(rows).for_each(|v| *v *= share);
     Some(d)
 }

@@ -26,8 +26,8 @@ pub fn lacking(r: &Recording, calibration: &Calibration) -> Result<Recording, Ba
     for visit in visits(&dwells) {
         let Some(a) = visit[0].about else { continue };
         let side = |sign: f64| {
-            let own = visit.iter().filter(|d| sign * d.rate_dph() > 0.0);
-            let (sum, n) = own.fold((0.0, 0.0), |(s, n), d| (s + d.corrected_dph[a] - d.table_dph[a], n + 1.0));
+            let own = visit.iter().filter(|d| sign * d.given() > 0.0);
+            let (sum, n) = own.fold((0.0, 0.0), |(s, n), d| (s + d.corrected[a] - d.table[a], n + 1.0));
             sum / n
         };
         let middle = 0.5 * (side(1.0) + side(-1.0));

@@ -21,7 +21,8 @@ mod lacks;
 mod quality;
 
 pub use curve::Curve;
-use curve::Point;
+pub(crate) use curve::Point;
+pub(crate) use dwells::{by_step, of_values, Given, Values};
 pub use dwells::{dwells, dwells_of_unit, Dwell};
 pub use lacks::lacking;
 pub use quality::{bins, bins_of, quality, Bin, Quality};
@@ -36,7 +37,7 @@ use hrg_data::error::BadInput;
 use hrg_data::numeric::stats::mean;
 use hrg_data::recording::Recording;
 use nalgebra::{DMatrix, DVector};
-use quality::visits;
+pub(crate) use quality::visits;
 
 /// Coefficients of an axis: those of its scale factor, then both misalignments at `u = 0`, then both per `u`.
 pub const TERMS: usize = SCALE_TERMS + 2 * MISALIGNMENT_TERMS;
@@ -84,9 +85,9 @@ impl AxisFit {
         self.misalignment[other].along(&[1.0, u], (temperature_c, 0.0))
     }
 
-    /// Standard deviation of the noise of a dwell of 100 s, deg/h.
+    /// Standard deviation of the noise of a dwell of 100 s, in the unit of the values.
     #[must_use]
-    pub fn residual_dph(&self) -> f64 {
+    pub fn noise(&self) -> f64 {
         self.scale.noise
     }
 }
@@ -139,9 +140,9 @@ fn columns(dwells: &[Dwell], a: usize) -> Vec<Vec<f64>> {
         let first = columns[0].len();
         let others = OTHERS[a];
         for d in visit {
-            let regressors = [0, 1].map(|j: usize| (d.unbiased_dph[others[j]], d.by_temperature_dph[a][others[j]]));
+            let regressors = [0, 1].map(|j: usize| (d.unbiased[others[j]], d.by_temperature[a][others[j]]));
             let cross = regressors.map(|r| r.0).into_iter().chain(regressors.map(|r| r.1));
-            columns.iter_mut().zip(d.scale_dph[a].into_iter().chain(cross)).for_each(|(c, v)| c.push(1e-6 * v));
+            columns.iter_mut().zip(d.scaled[a].into_iter().chain(cross)).for_each(|(c, v)| c.push(1e-6 * v));
         }
         let seconds: Vec<f64> = visit.iter().map(|d| d.seconds as f64).collect();
         let total: f64 = seconds.iter().sum();
@@ -184,12 +185,12 @@ pub fn separable(dwells: &[Dwell], a: usize) -> [Option<f64>; TERMS] {
     std::array::from_fn(|t| in_use.contains(&t).then(|| left(&columns, &in_use, t)))
 }
 
-fn terms_in_use(dwells: &[Dwell], a: usize, columns: &[Vec<f64>]) -> Vec<usize> {
+pub(crate) fn terms_in_use(dwells: &[Dwell], a: usize, columns: &[Vec<f64>]) -> Vec<usize> {
     let largest = columns[0].iter().fold(0.0f64, |m, v| m.max(v.abs()));
     let ramp = dwells.iter().map(|d| d.ramp_c_per_min[a].abs()).fold(0.0, f64::max);
     let moved = |t: &usize| columns[*t].iter().any(|v| v.abs() > 1e-6 * largest.max(1e-12));
     let mut in_use: Vec<usize> =
-        (0..TERMS).filter(moved).filter(|t| ![4, 5].contains(t) || ramp >= LEAST_RAMP).collect();
+        (0..columns.len()).filter(moved).filter(|t| ![4, 5].contains(t) || ramp >= LEAST_RAMP).collect();
     for term in GIVEN_UP {
         if in_use.iter().all(|t| left(columns, &in_use, *t) >= LEAST_LEFT) {
             break;
@@ -213,7 +214,7 @@ pub fn identify(recordings: &[Recording], calibration: &Calibration) -> Result<F
     let plain = Calibration { rates: None, ..calibration.clone() };
     let dwells = all_dwells(recordings, &plain)?;
     for a in 0..AXES {
-        let both = [1.0, -1.0].map(|s: f64| dwells.iter().any(|d| d.about == Some(a) && s * d.rate_dph() > 0.0));
+        let both = [1.0, -1.0].map(|s: f64| dwells.iter().any(|d| d.about == Some(a) && s * d.given() > 0.0));
         if both != [true; 2] {
             return Err(BadInput::new(format!(
                 "the table did not turn both ways about {}: scale factors and misalignments need plus and minus rates about each axis (hrg profile --rates shows a scheme)",
@@ -238,7 +239,7 @@ pub fn identify(recordings: &[Recording], calibration: &Calibration) -> Result<F
     Ok(Found { calibration: found, axes, dwells, notes })
 }
 
-fn fit_axes(dwells: &[Dwell], last: Option<&[AxisFit; AXES]>) -> Result<[AxisFit; AXES], BadInput> {
+pub(crate) fn fit_axes(dwells: &[Dwell], last: Option<&[AxisFit; AXES]>) -> Result<[AxisFit; AXES], BadInput> {
     let [x, y, z] = [0, 1, 2].map(|a| fit_axis(dwells, a, last));
     Ok([x?, y?, z?])
 }
@@ -248,18 +249,18 @@ fn sum<'a>(curve: &Curve, values: impl IntoIterator<Item = &'a f64>) -> f64 {
     curve.coefficients.iter().zip(values).map(|(c, v)| 1e-6 * c * v).sum()
 }
 
-/// A rate less its bias, times its scale factor, deg/h.
-fn scaled_dph(d: &Dwell, a: usize, last: Option<&[AxisFit; AXES]>) -> f64 {
-    d.unbiased_dph[a] + last.map_or(0.0, |l| sum(&l[a].scale, &d.scale_dph[a]))
+/// A value less its bias, times its scale factor.
+pub(crate) fn times_scale(d: &Dwell, a: usize, last: Option<&[AxisFit; AXES]>) -> f64 {
+    d.unbiased[a] + last.map_or(0.0, |l| sum(&l[a].scale, &d.scaled[a]))
 }
 
-/// Rate that a misalignment adds, deg/h.
-fn coupled_dph(d: &Dwell, a: usize, other: usize, last: Option<&[AxisFit; AXES]>) -> f64 {
+/// Value that a misalignment adds.
+pub(crate) fn coupled(d: &Dwell, a: usize, other: usize, last: Option<&[AxisFit; AXES]>) -> f64 {
     let from = OTHERS[a][other];
-    last.map_or(0.0, |l| sum(&l[a].misalignment[other], &[d.unbiased_dph[from], d.by_temperature_dph[a][from]]))
+    last.map_or(0.0, |l| sum(&l[a].misalignment[other], &[d.unbiased[from], d.by_temperature[a][from]]))
 }
 
-/// The values of the visits about axis `about`, for what axis `a` lacks. `terms`: regressors of a dwell, deg/h; `lacks`: what they are to explain.
+/// The values of the visits about axis `about`, for what axis `a` lacks. `terms`: regressors of a dwell; `lacks`: what they are to explain.
 fn points(
     dwells: &[Dwell],
     a: usize,
@@ -287,10 +288,11 @@ fn points(
     .collect()
 }
 
-/// Mean of a visit's plus rates less that of its minus rates, and the seconds by which its noise counts; `None` where it was not turned both ways.
-pub(super) fn plus_less_minus(visit: &[Dwell], of: &dyn Fn(&Dwell) -> Vec<f64>) -> Option<(Vec<f64>, f64)> {
+/// Mean of a visit's plus rates and that of its minus rates, and the seconds by which the noise of their sum or difference counts; `None` where it was not
+/// turned both ways.
+pub(crate) fn plus_and_minus(visit: &[Dwell], of: &dyn Fn(&Dwell) -> Vec<f64>) -> Option<(Vec<f64>, Vec<f64>, f64)> {
     let side = |sign: f64| {
-        let own: Vec<&Dwell> = visit.iter().filter(|d| sign * d.rate_dph() > 0.0).collect();
+        let own: Vec<&Dwell> = visit.iter().filter(|d| sign * d.given() > 0.0).collect();
         let seconds: f64 = own.iter().map(|d| d.seconds as f64).sum();
         let mut total = own.first().map(|d| vec![0.0; of(d).len()])?;
         for d in own {
@@ -299,7 +301,13 @@ pub(super) fn plus_less_minus(visit: &[Dwell], of: &dyn Fn(&Dwell) -> Vec<f64>) 
         Some((total, seconds))
     };
     let ((plus, plus_s), (minus, minus_s)) = (side(1.0)?, side(-1.0)?);
-    Some((plus.iter().zip(&minus).map(|(p, m)| p - m).collect(), 1.0 / (1.0 / plus_s + 1.0 / minus_s)))
+    Some((plus, minus, 1.0 / (1.0 / plus_s + 1.0 / minus_s)))
+}
+
+/// Mean of a visit's plus rates less that of its minus rates, and the seconds of [`plus_and_minus`].
+pub(super) fn plus_less_minus(visit: &[Dwell], of: &dyn Fn(&Dwell) -> Vec<f64>) -> Option<(Vec<f64>, f64)> {
+    let (plus, minus, seconds) = plus_and_minus(visit, of)?;
+    Some((plus.iter().zip(&minus).map(|(p, m)| p - m).collect(), seconds))
 }
 
 fn fit_axis(dwells: &[Dwell], a: usize, last: Option<&[AxisFit; AXES]>) -> Result<AxisFit, BadInput> {
@@ -317,8 +325,8 @@ fn fit_axis(dwells: &[Dwell], a: usize, last: Option<&[AxisFit; AXES]>) -> Resul
             ))
         })
     };
-    let own = points(dwells, a, a, &|d| d.scale_dph[a].to_vec(), &|d| {
-        d.table_dph[a] - d.unbiased_dph[a] - coupled_dph(d, a, 0, last) - coupled_dph(d, a, 1, last)
+    let own = points(dwells, a, a, &|d| d.scaled[a].to_vec(), &|d| {
+        d.table[a] - d.unbiased[a] - coupled(d, a, 0, last) - coupled(d, a, 1, last)
     });
     let scale = curve(a, own, &[0, 1, 2, 3, 4, 5])?;
     let misalignment = |j: usize| {
@@ -329,10 +337,10 @@ fn fit_axis(dwells: &[Dwell], a: usize, last: Option<&[AxisFit; AXES]>) -> Resul
             about,
             &|d| {
                 // By temperature with the scale factor of the mean.
-                let by = scaled_dph(d, about, last) / d.unbiased_dph[about];
-                vec![scaled_dph(d, about, last), by * d.by_temperature_dph[a][about]]
+                let by = times_scale(d, about, last) / d.unbiased[about];
+                vec![times_scale(d, about, last), by * d.by_temperature[a][about]]
             },
-            &|d| d.table_dph[a] - scaled_dph(d, a, last) - coupled_dph(d, a, 1 - j, last),
+            &|d| d.table[a] - times_scale(d, a, last) - coupled(d, a, 1 - j, last),
         );
         curve(about, cross, &[SCALE_TERMS + j, SCALE_TERMS + 2 + j])
     };
@@ -340,7 +348,7 @@ fn fit_axis(dwells: &[Dwell], a: usize, last: Option<&[AxisFit; AXES]>) -> Resul
     Ok(AxisFit { scale, misalignment: [misalignment(0)?, misalignment(1)?], left_out })
 }
 
-fn rate_axis(fit: &AxisFit, dwells: &[Dwell], a: usize, scaling: &Scaling) -> RateAxis {
+pub(crate) fn rate_axis(fit: &AxisFit, dwells: &[Dwell], a: usize, scaling: &Scaling) -> RateAxis {
     let range = |of: fn(&Dwell, usize) -> f64, margin: f32| {
         let values = dwells.iter().map(|d| of(d, a) as f32);
         let (low, high) = values.fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));

@@ -16,6 +16,8 @@ pub struct Bin {
     pub scale_ppm: f64,
     /// Response of the axis to rates about the two others, urad.
     pub cross_urad: [f64; 2],
+    /// Middle of plus and minus rates, deg/h (of specific forces m/s^2): the bias that is left, and of rates the earth's along the table's axis.
+    pub middle: f64,
     /// Standard deviation of the scale factor by what its values scatter, ppm.
     pub scale_std_ppm: f64,
 }
@@ -28,9 +30,15 @@ fn slope_ppm(visit: &[Dwell], a: usize, about: usize) -> Option<(f64, f64)> {
     if visit[0].about != Some(about) {
         return None;
     }
-    let of = |d: &Dwell| vec![d.corrected_dph[a] - d.table_dph[a], d.rate_dph()];
+    let of = |d: &Dwell| vec![d.corrected[a] - d.table[a], d.given()];
     let (change, seconds) = super::plus_less_minus(visit, &of)?;
     Some((1e6 * change[0] / change[1], change[1] * change[1] * seconds)).filter(|s| s.0.is_finite())
+}
+
+/// Middle of the plus and the minus rates of a visit, in axis `a`, and its weight.
+fn middle(visit: &[Dwell], a: usize) -> Option<(f64, f64)> {
+    let (plus, minus, seconds) = super::plus_and_minus(visit, &|d| vec![d.corrected[a] - d.table[a]])?;
+    Some((0.5 * (plus[0] + minus[0]), seconds))
 }
 
 /// Mean by weights, and its standard deviation by the scatter of the values; NaN of a single one.
@@ -45,7 +53,7 @@ fn weighted(values: &[(f64, f64)]) -> (f64, f64) {
 }
 
 /// Dwells of each visit.
-pub(super) fn visits(dwells: &[Dwell]) -> impl Iterator<Item = &[Dwell]> {
+pub(crate) fn visits(dwells: &[Dwell]) -> impl Iterator<Item = &[Dwell]> {
     dwells.chunk_by(|p, q| p.visit == q.visit)
 }
 
@@ -63,7 +71,7 @@ pub fn bins(dwells: &[Dwell]) -> Vec<Bin> {
 pub fn bins_of(dwells: &[Dwell], least_visits: usize) -> Vec<Bin> {
     let mut out = Vec::new();
     for axis in 0..AXES {
-        let mut by_bin = std::collections::BTreeMap::<i64, ([Vec<(f64, f64)>; AXES], Vec<f64>)>::new();
+        let mut by_bin = std::collections::BTreeMap::<i64, ([Vec<(f64, f64)>; AXES], Vec<f64>, Vec<(f64, f64)>)>::new();
         for visit in visits(dwells) {
             let Some(about) = visit[0].about else { continue };
             let t = mean(&visit.iter().map(|d| d.temperature_c[axis]).collect::<Vec<_>>());
@@ -71,14 +79,16 @@ pub fn bins_of(dwells: &[Dwell], least_visits: usize) -> Vec<Bin> {
             let bin = by_bin.entry((t / BIN_C).floor() as i64).or_default();
             bin.0[about].push(slope);
             bin.1.push(t);
+            bin.2.extend(middle(visit, axis));
         }
-        for (slopes, t) in by_bin.into_values().filter(|(s, _)| s.iter().all(|v| v.len() >= least_visits)) {
+        for (slopes, t, middles) in by_bin.into_values().filter(|(s, _, _)| s.iter().all(|v| v.len() >= least_visits)) {
             let (scale_ppm, scale_std_ppm) = weighted(&slopes[axis]);
             out.push(Bin {
                 axis,
                 temperature_c: mean(&t),
                 scale_ppm,
                 cross_urad: OTHERS[axis].map(|j| weighted(&slopes[j]).0),
+                middle: weighted(&middles).0,
                 scale_std_ppm,
             });
         }
@@ -105,10 +115,10 @@ pub fn quality(dwells: &[Dwell], axis: usize) -> Quality {
         .filter_map(|v| {
             let (slope, _) = slope_ppm(v, axis, axis)?;
             let of = |sign: f64| -> Vec<f64> {
-                let own = v.iter().filter(|d| sign * d.rate_dph() > 0.0);
-                own.map(|d| d.corrected_dph[axis] - d.table_dph[axis]).collect()
+                let own = v.iter().filter(|d| sign * d.given() > 0.0);
+                own.map(|d| d.corrected[axis] - d.table[axis]).collect()
             };
-            let size = mean(&v.iter().map(|d| d.rate_dph().abs()).collect::<Vec<_>>());
+            let size = mean(&v.iter().map(|d| d.given().abs()).collect::<Vec<_>>());
             Some((size, 0.5 * (mean(&of(1.0)) + mean(&of(-1.0))), slope))
         })
         .collect();

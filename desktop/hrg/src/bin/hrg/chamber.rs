@@ -274,6 +274,7 @@ pub fn record_port(port: &str, out: &Path, seconds: Option<u64>, arguments: &Rec
                 bar.tick();
             }
             Ok(Some(Message::InputsUsed(used))) => recording.recorder.take_inputs(used),
+            Ok(Some(Message::Increments(frame))) => recording.recorder.take_increments(&frame),
             Ok(_) => {}
             Err(e) => {
                 // The cable is out: wait for it, the file stays open.
@@ -730,6 +731,7 @@ fn watch(
                 match (recording.as_mut(), &message) {
                     (Some(recording), Message::Housekeeping(h)) => recording.second(unit, h)?,
                     (Some(recording), Message::InputsUsed(used)) => recording.recorder.take_inputs(*used),
+                    (Some(recording), Message::Increments(frame)) => recording.recorder.take_increments(frame),
                     _ => {}
                 }
                 if let Some(recording) = recording.as_mut() {

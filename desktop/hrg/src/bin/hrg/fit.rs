@@ -24,14 +24,24 @@ pub struct Arguments {
     /// Scale factors and misalignments over temperature from runs on a rate table (table_rate_?_dph), added to --calibration.
     ///
     /// Example: hrg fit --rates table.csv --calibration cal.toml --verify unseen.csv --out cal2.toml
-    #[arg(long, requires = "calibration")]
+    #[arg(long, requires = "calibration", group = "added")]
     rates: bool,
-    /// With --rates: the calibration whose biases are taken off, and to which the rest is added.
-    #[arg(long, requires = "rates")]
+    /// Bias, scale factor and misalignment of three accelerometers over temperature from runs in positions (force_?_mps2, table_force_?_mps2), added to
+    /// --calibration.
+    ///
+    /// Example: hrg fit --accelerometers tumble.csv --calibration cal.toml --verify unseen.csv --out cal2.toml
+    #[arg(long, requires = "calibration", group = "added")]
+    accelerometers: bool,
+    /// With --rates or --accelerometers: the unit's calibration, whose biases are taken off and to which the rest is added.
+    #[arg(long, requires = "added")]
     calibration: Option<PathBuf>,
-    /// With --rates: runs that the fit does not see; before and after are printed on them.
-    #[arg(long, requires = "rates")]
+    /// With --rates or --accelerometers: runs that the fit does not see; before and after are printed on them.
+    #[arg(long, requires = "added")]
     verify: Vec<PathBuf>,
+    /// With --accelerometers: gravity at the place, m/s^2, for recordings without table_force_?_mps2: an axis within 10 degrees of the vertical counts as
+    /// upright.
+    #[arg(long, requires = "accelerometers", value_name = "MPS2")]
+    gravity: Option<f64>,
     /// Method of identification (docs/methods.md)
     #[arg(long, default_value = "lsq")]
     method: Method,
@@ -73,8 +83,13 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let Some(out) = arguments.out.clone() else {
         return Err(BadInput::new("give --out, for the calibration").into());
     };
-    if let (true, Some(calibration)) = (arguments.rates, &arguments.calibration) {
-        return crate::rates::fit(&arguments.recordings, calibration, &arguments.verify, &out);
+    if let Some(calibration) = &arguments.calibration {
+        let (runs, verify) = (&arguments.recordings, &arguments.verify);
+        return if arguments.rates {
+            crate::rates::fit(runs, calibration, verify, &out)
+        } else {
+            crate::forces::fit(runs, calibration, verify, arguments.gravity, &out)
+        };
     }
     let Arguments {
         recordings, method, seed, uniform, curve, breakpoint, degree, history, different_units, facts, ..

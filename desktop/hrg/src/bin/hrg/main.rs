@@ -22,6 +22,7 @@ mod effects;
 mod export;
 mod facts;
 mod fit;
+mod forces;
 mod heading;
 mod images;
 mod import;

@@ -37,7 +37,7 @@ pub fn fit(runs: &[PathBuf], calibration: &Path, verify: &[PathBuf], out: &Path)
     Ok(())
 }
 
-fn runs_of(n: usize) -> String {
+pub(crate) fn runs_of(n: usize) -> String {
     if n == 1 {
         "a run".into()
     } else {
@@ -46,7 +46,7 @@ fn runs_of(n: usize) -> String {
 }
 
 /// A value with its standard deviation.
-fn with_std((value, std): (f64, f64)) -> String {
+pub(crate) fn with_std((value, std): (f64, f64)) -> String {
     format!("{value:+.2} \u{b1} {std:.2}")
 }
 
@@ -63,7 +63,7 @@ fn say_found(found: &Found) {
             "{:<5} {:>7} {:>16.3} {:>18} {:>18}",
             AXIS_NAMES[a],
             fit.scale.values,
-            fit.residual_dph(),
+            fit.noise(),
             known(q.asymmetry_ppm),
             known(q.nonlinearity_ppm)
         );

@@ -41,6 +41,9 @@ pub struct Arguments {
     /// Turn the unit on a rate table by the eight steps of hrg profile --rates, at these rates in deg/s, round by round
     #[arg(long, value_name = "RATES", num_args = 0..=1, default_missing_value = "18,9")]
     rates: Option<String>,
+    /// Hold the unit in six positions, each axis up and down in turn, round by round, with its accelerometers in the recording (hrg fit --accelerometers)
+    #[arg(long, conflicts_with = "rates")]
+    positions: bool,
     /// Attitude of the unit; by default at 28.2 degrees north, x=north y=east z=down.
     #[command(flatten)]
     place: Place,
@@ -57,8 +60,21 @@ pub struct Arguments {
 /// # Errors
 /// Bad input, or a file that cannot be written.
 pub fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { profile, effect, seed, unit, kind, thermometer, noise, defects, rates, place, no_attitude, out } =
-        arguments;
+    let Arguments {
+        profile,
+        effect,
+        seed,
+        unit,
+        kind,
+        thermometer,
+        noise,
+        defects,
+        rates,
+        positions,
+        place,
+        no_attitude,
+        out,
+    } = arguments;
     let kind = Kind::parse(&kind)?;
     let usual = kind.noise();
     let thermometer = match thermometer.as_str() {
@@ -88,6 +104,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
         noise,
         attitude,
         turning,
+        positions,
         ..Plan::of(Profile::parse(&profile)?, unit, seed)
     };
     let mut simulated = plan.simulate();
