@@ -70,6 +70,28 @@ impl Tick {
     }
 }
 
+/// A message to the link, the newest. The link waits for [`NEWS`] of all of them: to look at each costs more than to send a frame.
+pub struct Outgoing<T>(Signal<Mutex, T>);
+
+impl<T> Outgoing<T> {
+    const fn new() -> Self {
+        Self(Signal::new())
+    }
+
+    /// Hands it over.
+    pub fn signal(&self, message: T) {
+        self.0.signal(message);
+        NEWS.signal(());
+    }
+
+    /// The newest that was not taken yet.
+    pub fn take(&self) -> Option<T> {
+        self.0.try_take()
+    }
+}
+
+/// One of the messages to the link is there.
+pub static NEWS: Signal<Mutex, ()> = Signal::new();
 /// Model to rate path: the next bias and when it holds.
 pub static BIAS: Signal<Mutex, PendingBias> = Signal::new();
 /// Interrupt to rate path: a frame of the ADC has come; the timer at its data-ready edge.
@@ -95,18 +117,18 @@ pub static SECONDS: Channel<Mutex, RateSecond, 2> = Channel::new();
 /// Model to telemetry: a step, what came of it, and what the pulses per second have shown.
 pub static STEP: Channel<Mutex, (StepFrequencies, Output, pps::Report), 2> = Channel::new();
 /// Telemetry to link: housekeeping out.
-pub static HOUSEKEEPING: Signal<Mutex, Housekeeping> = Signal::new();
+pub static HOUSEKEEPING: Outgoing<Housekeeping> = Outgoing::new();
 /// Link in to model: inputs beside the frequencies.
 #[cfg(feature = "inputs")]
 pub static INPUTS: Channel<Mutex, InputValues, { crate::params::INPUT_QUEUE }> = Channel::new();
 /// Model to link: the inputs that a step has used.
-pub static INPUTS_USED: Signal<Mutex, InputsUsed> = Signal::new();
+pub static INPUTS_USED: Outgoing<InputsUsed> = Outgoing::new();
 /// Telemetry to log.
 pub static LOG: Signal<Mutex, Housekeeping> = Signal::new();
 /// Link in to link out: word of the last stop.
-pub static STOPPED: Signal<Mutex, Stopped> = Signal::new();
+pub static STOPPED: Outgoing<Stopped> = Outgoing::new();
 /// Link in to link out: an answer.
-pub static ANSWER: Signal<Mutex, Message> = Signal::new();
+pub static ANSWER: Outgoing<Message> = Outgoing::new();
 /// Telemetry to the built-in test: each second.
 #[cfg(feature = "self-test")]
 pub static HOUSEKEPT: Signal<Mutex, Housekeeping> = Signal::new();
@@ -125,7 +147,7 @@ pub static LINK_ERRORS: Signal<Mutex, u16> = Signal::new();
 /// Link in to telemetry: what the host asks of an alignment.
 pub static ALIGN: Channel<Mutex, Command, 4> = Channel::new();
 /// Telemetry to link: each second of an alignment.
-pub static ALIGNMENT: Signal<Mutex, Report> = Signal::new();
+pub static ALIGNMENT: Outgoing<Report> = Outgoing::new();
 /// Telemetry to model: the bias trim that an alignment has found.
 pub static TRIM: Signal<Mutex, [f32; AXES]> = Signal::new();
 /// Maintenance to model: constants that were renewed.
@@ -146,7 +168,7 @@ static SENT: AtomicU32 = AtomicU32::new(0);
 pub static GNSS_TIME: Signal<Mutex, (hrg_core::gnss::GnssTime, u32)> = Signal::new();
 /// Model to link out: the last pulse in GNSS time.
 #[cfg(feature = "pps")]
-pub static TIME_MARK: Signal<Mutex, hrg_core::gnss::TimeMark> = Signal::new();
+pub static TIME_MARK: Outgoing<hrg_core::gnss::TimeMark> = Outgoing::new();
 /// Rate path to model: channels 5 to 7 of the ADC over a second.
 #[cfg(any(feature = "sensors", feature = "aux"))]
 pub static SENSORS: Signal<Mutex, hrg_core::sensors::Window> = Signal::new();
@@ -163,7 +185,7 @@ pub static ON_TRIAL: AtomicBool = AtomicBool::new(false);
 /// The unit moves.
 pub static MOVING: AtomicBool = AtomicBool::new(false);
 /// Link in to link out: the programs of the unit.
-pub static PROGRAMS: Signal<Mutex, hrg_core::update::Programs> = Signal::new();
+pub static PROGRAMS: Outgoing<hrg_core::update::Programs> = Outgoing::new();
 
 /// Time since power-on at the last second, s.
 pub static ON_FOR_S: AtomicU32 = AtomicU32::new(0);

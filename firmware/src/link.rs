@@ -5,41 +5,48 @@ use crate::capture::Clock;
 use crate::channels::INPUTS;
 use crate::channels::{
     self, Fast, ALIGN, ALIGNMENT, ANSWER, DECIMATION, ECHOED, FRAMES, HOUSEKEEPING, INPUTS_USED, LINK_ALIVE,
-    LINK_ERRORS, MAINTAIN, PROGRAMS, STOPPED,
+    LINK_ERRORS, MAINTAIN, NEWS, PROGRAMS, STOPPED,
 };
 use crate::maintain;
+use crate::params::LINK_BAUD;
 #[cfg(feature = "mavlink")]
 use crate::params::TIMEBASE;
 use crate::receive::Receiver;
 use crate::stop::halt;
 use core::sync::atomic::Ordering;
-use embassy_futures::select::{select4, select5, Either4, Either5};
+use embassy_futures::select::{select, Either};
 use embassy_stm32::mode::Async;
 use embassy_stm32::usart::UartTx;
 #[cfg(feature = "mavlink")]
 use hrg_core::gnss::TimeMark;
-use hrg_core::link::{Deframer, Identity, Message};
+use hrg_core::link::{Deframer, Identity, Message, FAST_FRAME, RATE_FRAME};
 use hrg_core::maintenance::Command;
 #[cfg(feature = "mavlink")]
 use hrg_core::mavlink::{self, Encoder, Imu};
 #[cfg(feature = "mavlink")]
 use hrg_core::output::Framing;
+use hrg_core::output::MOST_MESSAGES_PER_S;
 use hrg_core::reset::Halt;
 use hrg_core::stopped::Stopped;
 
-/// The next of what is sent seldom.
-async fn seldom() -> Message {
+// (Ten bits a byte; a third of the line stays for answers.)
+const _: () =
+    assert!(MOST_MESSAGES_PER_S as usize * 10 * (5 * FAST_FRAME + RATE_FRAME) / 6 <= LINK_BAUD as usize * 2 / 3);
+
+/// The next of what is sent seldom: answers, housekeeping, the alignment's report, the inputs that were used, word of a stop, the programs, the time.
+fn seldom() -> Option<Message> {
     #[cfg(feature = "pps")]
-    let mark = channels::TIME_MARK.wait();
+    let mark = || channels::TIME_MARK.take().map(Message::TimeMark);
     #[cfg(not(feature = "pps"))]
-    let mark = core::future::pending();
-    match select5(ALIGNMENT.wait(), INPUTS_USED.wait(), STOPPED.wait(), PROGRAMS.wait(), mark).await {
-        Either5::First(report) => Message::Alignment(report),
-        Either5::Second(used) => Message::InputsUsed(used),
-        Either5::Third(stopped) => Message::Stopped(stopped),
-        Either5::Fourth(programs) => Message::Programs(programs),
-        Either5::Fifth(mark) => Message::TimeMark(mark),
-    }
+    let mark = || None;
+    ANSWER
+        .take()
+        .or_else(|| HOUSEKEEPING.take().map(Message::Housekeeping))
+        .or_else(|| ALIGNMENT.take().map(Message::Alignment))
+        .or_else(|| INPUTS_USED.take().map(Message::InputsUsed))
+        .or_else(|| STOPPED.take().map(Message::Stopped))
+        .or_else(|| PROGRAMS.take().map(Message::Programs))
+        .or_else(mark)
 }
 
 /// Stops the unit where what came out of the queue has changed in memory.
@@ -59,15 +66,14 @@ fn append(fast: &Fast, bytes: &mut heapless::Vec<u8, { hrg_fast::FAST }>) {
     }
 }
 
-/// Sends: rates and increments first, then answers, housekeeping, the alignment's report, the inputs that were used, word of a stop, the programs, and the
-/// time.
+/// Sends: rates and increments first, then what is sent [`seldom`].
 #[embassy_executor::task]
 pub async fn send(mut uart: UartTx<'static, Async>) {
     #[cfg(feature = "mavlink")]
     let mut mavlink = Mavlink::default();
     loop {
-        let message = match select4(FRAMES.receive(), ANSWER.wait(), HOUSEKEEPING.wait(), seldom()).await {
-            Either4::First(fast) => {
+        let message = match select(FRAMES.receive(), NEWS.wait()).await {
+            Either::First(fast) => {
                 must_be_intact(&fast);
                 #[cfg(feature = "mavlink")]
                 if channels::sent().framing == Framing::Mavlink {
@@ -88,10 +94,13 @@ pub async fn send(mut uart: UartTx<'static, Async>) {
                 LINK_ALIVE.give();
                 continue;
             }
-            Either4::Second(answer) => answer,
-            Either4::Third(housekeeping) => Message::Housekeeping(housekeeping),
-            Either4::Fourth(message) => message,
+            Either::Second(()) => match seldom() {
+                Some(message) => message,
+                None => continue,
+            },
         };
+        // (There may be more; rates go out before it.)
+        NEWS.signal(());
         #[cfg(feature = "mavlink")]
         if channels::sent().framing == Framing::Mavlink {
             if mavlink.keep(&message) {

@@ -69,6 +69,7 @@ pub struct IncrementFrame {
 
 impl IncrementFrame {
     /// With its integrity word computed: after the last change.
+    #[inline]
     #[must_use]
     pub fn with_integrity(mut self) -> Self {
         self.integrity = self.fold();
@@ -81,6 +82,7 @@ impl IncrementFrame {
         self.integrity == self.fold()
     }
 
+    #[inline]
     fn fold(&self) -> u32 {
         let [x, y, z] = self.axis_status.map(|s| u32::from(s.bits()));
         let words = [self.sample, self.tick, self.ticks, x, y, z, self.unit_status.bits().into()];

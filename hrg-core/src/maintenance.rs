@@ -236,7 +236,7 @@ impl core::fmt::Display for Answer {
             Self::Signature => "the image is not signed with the key of its firmware",
             Self::TooFar => "the image's number is more than 1000 beyond that of the one that it holds",
             Self::Input => "the image needs an input that this unit does not have",
-            Self::Bound => "the numbers are beyond what it takes (constants to 10 deg/h; 1 to 1000 samples a frame, 50 of increments)",
+            Self::Bound => "the numbers are beyond what it takes (constants to 10 deg/h; 1 to 1000 samples a frame, 50 of increments, 1200 messages of both a second)",
             Self::NoLog => "its firmware has no field log, where it would keep them",
             Self::NoTest => "its firmware has no built-in test, or there is no such item",
             Self::Aligning => "an alignment runs, which the test would make invalid: end it first",

@@ -18,6 +18,10 @@ use crate::rate_path::{DECIMATION, MOST_SAMPLES};
 /// Samples of a message of increments, at most: so many are kept, and one before them.
 pub const MOST_INCREMENTS: u16 = 50;
 const _: () = assert!((MOST_INCREMENTS as usize) < KEPT);
+/// Samples in a second.
+const SAMPLES_PER_S: u32 = 1000;
+/// Messages of rates and increments that the link carries in a second with a third of it to spare: without room, answers to commands would never go out.
+pub const MOST_MESSAGES_PER_S: u32 = 1200;
 
 /// Framing of what goes out beside answers to commands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -79,10 +83,21 @@ impl OutputSettings {
         Self { decimation: decimation.clamp(1, MOST_SAMPLES), ..self }
     }
 
-    /// `true` if the numbers are within their limits.
+    /// Messages of rates and increments in a second.
+    #[must_use]
+    pub const fn messages_per_s(&self) -> u32 {
+        let rates = if self.decimation == 0 { 0 } else { SAMPLES_PER_S / self.decimation as u32 };
+        let increments = if self.increments == 0 { 0 } else { SAMPLES_PER_S / self.increments as u32 };
+        rates + increments
+    }
+
+    /// `true` if the numbers are within their limits, and the link carries the messages.
     #[must_use]
     pub const fn possible(&self) -> bool {
-        self.decimation >= 1 && self.decimation <= MOST_SAMPLES && self.increments <= MOST_INCREMENTS
+        self.decimation >= 1
+            && self.decimation <= MOST_SAMPLES
+            && self.increments <= MOST_INCREMENTS
+            && self.messages_per_s() <= MOST_MESSAGES_PER_S
     }
 
     /// All of it in a word.
@@ -135,7 +150,8 @@ mod tests {
                 }
             }
         }
-        for word in [0, 1001, 51 << 12 | 5, 2 << 24 | 5, 3 << 28 | 5] {
+        // (Rates and increments at 1 kHz both are more than the link carries.)
+        for word in [0, 1001, 51 << 12 | 5, 1 << 12 | 1, 2 << 24 | 5, 3 << 28 | 5] {
             assert_eq!(OutputSettings::from_word(word), None, "{word:#x}");
         }
     }

@@ -135,9 +135,15 @@ impl RateAxis {
     /// Standard deviation of the scale factor on a soak at a temperature, ppm: between those stated, evenly; beyond the range, that of its end.
     #[must_use]
     pub fn scale_std_at_ppm(&self, temperature_c: f32) -> f32 {
+        self.between(&self.scale_std_ppm, temperature_c)
+    }
+
+    /// Value at a temperature between those that stand evenly over the range; beyond it, that of its end.
+    #[must_use]
+    pub(crate) fn between(&self, stated: &[f32; STATED_AT], temperature_c: f32) -> f32 {
         let at = self.share_of_range(temperature_c) * (STATED_AT - 1) as f32;
         let below = (at as usize).min(STATED_AT - 2);
-        let [low, high] = [self.scale_std_ppm[below], self.scale_std_ppm[below + 1]];
+        let [low, high] = [stated[below], stated[below + 1]];
         low + (at - below as f32) * (high - low)
     }
 

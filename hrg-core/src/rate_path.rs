@@ -524,7 +524,7 @@ impl RatePath {
     }
 
     /// The bias in use and the settings are as they were given.
-    #[inline(never)]
+    #[inline]
     fn numbers_intact(&self) -> bool {
         self.current.intact() && self.settings_intact()
     }
@@ -668,7 +668,7 @@ impl RatePath {
     }
 
     /// Makes the message of increments.
-    #[inline(never)]
+    #[inline]
     fn make_increments(
         &mut self,
         tick: u32,

@@ -66,6 +66,12 @@ impl Accelerometer {
         (clamp(bias, -MOST_BIAS_MPS2, MOST_BIAS_MPS2), scale, coupling, status)
     }
 
+    /// Standard deviation of the bias on a soak at a temperature, m/s^2: between those stated; beyond the range, that of its end.
+    #[must_use]
+    pub fn bias_std_at_mps2(&self, temperature_c: f32) -> f32 {
+        self.errors.between(&self.bias.bias_std_mps2, temperature_c)
+    }
+
     /// `true` if each number is one of an accelerometer.
     #[must_use]
     pub fn possible(&self) -> bool {
@@ -150,7 +156,7 @@ mod tests {
                 ..RateAxis::default()
             },
         };
-        assert!(one.possible());
+        assert!(one.possible() && (one.bias_std_at_mps2(13.0) - 1e-4).abs() < 1e-9);
         let (bias, scale, _, status) = one.at(scaling, &state(55.0, 1.0));
         // u = 1.
         assert!((bias - 0.031).abs() < 1e-7 && (scale - 1.0001).abs() < 1e-7 && status.is_empty());

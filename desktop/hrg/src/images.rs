@@ -16,7 +16,7 @@ use hrg_core::calibration::Calibration;
 use hrg_core::compensator::Output;
 use hrg_core::effects::{span, Span};
 use hrg_core::frequency::StepFrequencies;
-use hrg_core::rate_factors::OTHERS;
+use hrg_core::rate_factors::{RateAxis, OTHERS};
 use hrg_core::temperature::TemperatureCurve;
 use hrg_core::{AXES, MODEL_STEP_S};
 use hrg_data::axes::AXIS_NAMES;
@@ -25,6 +25,7 @@ use hrg_data::numeric::stats::mean;
 use hrg_data::plot;
 use hrg_data::plot::{Panel, Series};
 use hrg_identify::fit::correct::{Model, Stepped};
+use hrg_identify::forces::UG_OF_MPS2;
 
 /// Duration for which an image receives the readings of a soak, s.
 const SOAK_S: u32 = 1800;
@@ -69,6 +70,12 @@ pub enum Quantity {
     ScaleFactor(usize),
     /// Misalignment of an axis to the first or second of the others ([`OTHERS`]), urad.
     Misalignment(usize, usize),
+    /// Bias of an accelerometer on a soak, ug.
+    ForceBias(usize),
+    /// Factor of its specific force on a soak, less one, ppm.
+    ForceScale(usize),
+    /// Its misalignment to the first or second of the others, urad.
+    ForceMisalignment(usize, usize),
 }
 
 impl Quantity {
@@ -85,6 +92,10 @@ impl Quantity {
         if rates {
             out.extend((0..2 * AXES).map(|k| Self::Misalignment(k / 2, k % 2)));
         }
+        if all.iter().any(|d| d.calibration.specific_force.is_some()) {
+            out.extend((0..AXES).map(Self::ForceBias).chain((0..AXES).map(Self::ForceScale)));
+            out.extend((0..2 * AXES).map(|k| Self::ForceMisalignment(k / 2, k % 2)));
+        }
         out
     }
 
@@ -95,6 +106,11 @@ impl Quantity {
             Self::Bias(a) => format!("bias of {}", AXIS_NAMES[a]),
             Self::ScaleFactor(a) => format!("scale factor of {}", AXIS_NAMES[a]),
             Self::Misalignment(a, j) => format!("misalignment {}{}", AXIS_NAMES[a], AXIS_NAMES[OTHERS[a][j]]),
+            Self::ForceBias(a) => format!("accelerometer {}: bias", AXIS_NAMES[a]),
+            Self::ForceScale(a) => format!("accelerometer {}: scale factor", AXIS_NAMES[a]),
+            Self::ForceMisalignment(a, j) => {
+                format!("accelerometer {}: misalignment to {}", AXIS_NAMES[a], AXIS_NAMES[OTHERS[a][j]])
+            }
         }
     }
 
@@ -103,8 +119,9 @@ impl Quantity {
     pub const fn unit(self) -> &'static str {
         match self {
             Self::Bias(_) => "deg/h",
-            Self::ScaleFactor(_) => "ppm",
-            Self::Misalignment(..) => "urad",
+            Self::ScaleFactor(_) | Self::ForceScale(_) => "ppm",
+            Self::Misalignment(..) | Self::ForceMisalignment(..) => "urad",
+            Self::ForceBias(_) => "ug",
         }
     }
 }
@@ -236,6 +253,11 @@ pub fn bias_on_ramp(c: &Calibration, temperature_c: f64, c_per_min: f64) -> [(f6
     [0, 1, 2].map(|a| (f64::from(output.bias_dph[a]), bias_std_dph(c, a, &output)))
 }
 
+/// Scale factor and misalignment of an accelerometer; `None`: the image has none.
+fn of_force(c: &Calibration, a: usize) -> Option<&RateAxis> {
+    c.specific_force.as_ref().map(|all| &all[a].errors)
+}
+
 /// Values of an image for the readings of a soak: each quantity, with its standard deviation.
 fn on_soak(c: &Calibration, reading: [f64; AXES], quantities: &[Quantity]) -> Vec<(f64, f64)> {
     let output = output_after(c, &|_| reading, soak_steps());
@@ -252,6 +274,19 @@ fn on_soak(c: &Calibration, reading: [f64; AXES], quantities: &[Quantity]) -> Ve
             Quantity::Misalignment(a, j) => {
                 let std = c.rates.as_ref().map_or(0.0, |r| r[a].misalignment_std_at_urad(j, output.temperature_c[a]));
                 (1e6 * f64::from(output.factors.coupling()[a][j]), stated(std, std > 0.0))
+            }
+            Quantity::ForceBias(a) => {
+                let std = c.specific_force.as_ref().map_or(0.0, |all| all[a].bias_std_at_mps2(output.temperature_c[a]));
+                let bias = f64::from(output.specific_force.bias_mps2[a]);
+                (UG_OF_MPS2 * bias, UG_OF_MPS2 * stated(std, std > 0.0))
+            }
+            Quantity::ForceScale(a) => {
+                let std = of_force(c, a).map_or(0.0, |e| e.scale_std_at_ppm(output.temperature_c[a]));
+                (1e6 * (f64::from(output.specific_force.factors.scale()[a]) - 1.0), stated(std, std > 0.0))
+            }
+            Quantity::ForceMisalignment(a, j) => {
+                let std = of_force(c, a).map_or(0.0, |e| e.misalignment_std_at_urad(j, output.temperature_c[a]));
+                (1e6 * f64::from(output.specific_force.factors.coupling()[a][j]), stated(std, std > 0.0))
             }
         })
         .collect()
@@ -440,7 +475,7 @@ pub fn picture(all: &[Dated], quantities: &[Quantity], values: &[Vec<Vec<Value>>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hrg_core::rate_factors::RateAxis;
+    use hrg_core::specific_force::{Accelerometer, AccelerometerBias};
 
     /// An image whose biases are a constant, with a stated standard deviation of 0.1 deg/h.
     fn image(bias_dph: f32, unix_s: f64) -> Dated {
@@ -488,6 +523,30 @@ mod tests {
         assert!((of(Quantity::Misalignment(0, 0)).mean() - 30.0).abs() < 1e-3);
         let svg = picture(&all, &quantities, &v).expect("draws");
         assert!(svg.contains("bias of x: change since at 0") && svg.contains("misalignment zy"));
+    }
+
+    #[test]
+    fn accelerometers_that_differ_are_seen() {
+        let old = image(1.0, 0.0);
+        let mut new = image(1.0, 1e8);
+        let bias =
+            AccelerometerBias { bias_mps2: [9.806_65e-3, 0.0, 0.0, 0.0, 0.0, 0.0], bias_std_mps2: [9.806_65e-6; 5] };
+        let (rate_valid_from_c, rate_valid_to_c) = (-40.0, 60.0);
+        let errors = RateAxis {
+            rate_valid_from_c,
+            rate_valid_to_c,
+            scale_correction_ppm: [50.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+            misalignment_urad: [[20.0, -30.0], [0.0; 2]],
+            ..RateAxis::default()
+        };
+        new.calibration.specific_force = Some([Accelerometer { bias, errors }; AXES]);
+        let all = [old, new];
+        let quantities = Quantity::of(&all);
+        let values = values(&all, &quantities).expect("comparable");
+        let means: Vec<f64> = changes(&quantities, &values[0], &values[1]).iter().map(Change::mean).collect();
+        let of = |q| means[quantities.iter().position(|p| *p == q).expect("compared")];
+        assert!((of(Quantity::ForceBias(1)) - 1000.0).abs() < 1e-2 && (of(Quantity::ForceScale(2)) - 50.0).abs() < 0.1);
+        assert!((of(Quantity::ForceMisalignment(0, 1)) + 30.0).abs() < 1e-3 && of(Quantity::Bias(0)) == 0.0);
     }
 
     #[test]

@@ -7,12 +7,12 @@
 //!
 //! `table_i - raw_i + bias_i = 1e-6 (sum_k c_k x_k (raw_i - bias_i) + sum_j (m0_ij + m1_ij u) S_j (raw_j - bias_j))`, `bias_i = sum_k b_k x_k`
 //!
-//! Up less down of a visit is free of the bias: it gives the scale factor of its axis and the share in each other axis, as plus less minus rates do
+//! Each dwell up has the next one down of its axis beside it, whatever lies between: a visit. Up less down of a visit is free of the bias: it gives the scale factor of its axis and the share in each other axis, as plus less minus rates do
 //! ([`crate::rates`], whose curves these are). The middle of up and down is free of both: each visit, along whatever axis, gives a value of the bias of
 //! each accelerometer, and a [`Curve`] goes through them. Where both are known better, each is found anew; after a few passes nothing changes.
 //!
 //! # Limits
-//! The squares of the specific force (IEEE Std 1293's K2) are not told from the bias by positions of one g, and are part of it.
+//! The unit has no term for the square of the specific force (IEEE Std 1293's K2): a third of it is in the bias, the mean over positions along all axes.
 
 use crate::fit::correct;
 use crate::fit::independence::{same_unit, Units};
@@ -26,19 +26,25 @@ use hrg_core::specific_force::{Accelerometer, AccelerometerBias, SpecificForce};
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
-use hrg_data::numeric::stats::mean;
-use hrg_data::recording::columns::{FORCE, TABLE_FORCE};
+use hrg_data::numeric::stats::{mean, median};
+use hrg_data::recording::metadata::{CALIBRATION, FORCES};
 use hrg_data::recording::steps::Steps;
 use hrg_data::recording::Recording;
 
 /// Millionths of one g in one m/s^2.
 pub const UG_OF_MPS2: f64 = 1e6 / 9.806_65;
 
-/// Passes of the fit: biases are some 1e-3 of the specific force, and scale factors change by 1e-3, so each pass leaves a thousandth.
-const PASSES: usize = 4;
+/// The fit goes on until a pass changes no corrected specific force by so much, m/s^2: far below the noise of a position.
+const SETTLED_MPS2: f64 = 1e-7;
 
-/// Cosine of the angle to the vertical within which an axis is taken for upright.
-const UPRIGHT: f64 = 0.985;
+/// Passes at most: each leaves a share of the size of the errors, some hundredths at the most.
+const PASSES: usize = 30;
+
+/// Image of a unit that has none.
+const NO_IMAGE: &str = "00000000";
+
+/// Seconds that are so many times further from the middle of their position than usual are knocks. (A ramp within the position is in what is usual.)
+const KNOCK: f64 = 12.0;
 
 /// Terms of the bias, in words.
 const BIAS_TERMS: [&str; SCALE_TERMS] = ["constant", "T", "T^2", "T^3", "ramp", "T times the ramp"];
@@ -90,37 +96,10 @@ fn undone(corrected: [f64; AXES], by: &SpecificForce) -> [f64; AXES] {
     [0, 1, 2].map(|a: usize| scaled[a] / scale[a] + f64::from(by.bias_mps2[a]))
 }
 
-/// Finds the positions of a recording that does not tell them: seconds in which an axis is within 10 degrees of the vertical are taken for that axis straight
-/// up or down, at this gravity. What the unit was off level then is in the misalignments.
-///
-/// # Errors
-/// A gravity of no place on Earth; a recording without specific forces.
-pub fn recognise_positions(r: &mut Recording, gravity_mps2: f64) -> Result<(), BadInput> {
-    if !(9.7..9.9).contains(&gravity_mps2) {
-        return Err(BadInput::new(format!("gravity {gravity_mps2} is that of no place: give 9.76 to 9.84 m/s^2")));
-    }
-    let [Some(x), Some(y), Some(z)] = [0, 1, 2].map(|a| r.column(FORCE.name(a))) else { return Err(lacking(r)) };
-    let table: Vec<[f64; AXES]> = x
-        .iter()
-        .zip(y)
-        .zip(z)
-        .map(|((x, y), z)| {
-            let force = [*x, *y, *z];
-            let size = force.iter().map(|f| f * f).sum::<f64>().sqrt();
-            let up = (0..AXES).find(|a| force[*a].abs() > UPRIGHT * size);
-            up.map_or([f64::NAN; AXES], |up| {
-                [0, 1, 2].map(|a| if a == up { gravity_mps2 * force[a].signum() } else { 0.0 })
-            })
-        })
-        .collect();
-    r.optional.retain(|(name, _)| !TABLE_FORCE.names.contains(name));
-    r.optional.extend((0..AXES).map(|a| (TABLE_FORCE.name(a), table.iter().map(|t| t[a]).collect())));
-    Ok(())
-}
-
+/// A recording that cannot be used.
 fn lacking(r: &Recording) -> BadInput {
     BadInput::new(format!(
-        "the recording of {} lacks force_?_mps2 (hrg record writes them where the unit sends increments: hrg unit output --increments 50) or table_force_?_mps2 (the specific force of each position along the axes of the case, upwards, m/s^2; or give --gravity, and positions are recognised)",
+        "the recording of {} lacks force_?_mps2 (hrg record writes them where the unit sends increments: hrg unit output --increments 50) or table_force_?_mps2 (the specific force of each position along the axes of the case, upwards, m/s^2)",
         r.unit()
     ))
 }
@@ -136,18 +115,20 @@ pub fn dwells(
     first_visit: usize,
 ) -> Result<Vec<Dwell>, BadInput> {
     let [forces, table] = r.forces_mps2().ok_or_else(|| lacking(r))?;
-    let corrected = match r.meta("calibration") {
-        None => false,
+    let corrected = match r.meta(CALIBRATION) {
+        None | Some(NO_IMAGE) => false,
+        Some(_) if r.meta(FORCES) == Some("raw") => false,
         Some(sum) if sum == format!("{:08x}", recorded_by.checksum()) => recorded_by.specific_force.is_some(),
         Some(sum) => {
             return Err(BadInput::new(format!(
-                "the specific forces of this recording are corrected by the image {sum}, and --calibration is {:08x}: give the image that the unit had",
+                "the unit had the image {sum}, which may have corrected these specific forces, and --calibration is {:08x}: give that image; or, where it has no accelerometers, put the line \"# forces: raw\" into the recording",
                 recorded_by.checksum()
             )))
         }
     };
     let steps = Steps::new(r)?;
-    let (forces, table) = (by_step(&forces, r, &steps), by_step(&table, r, &steps));
+    let (mut forces, table) = (by_step(&forces, r, &steps), by_step(&table, r, &steps));
+    without_knocks(&mut forces, &table);
     let had = corrected.then(|| correct::specific_forces(recorded_by, &steps));
     let errors = correct::specific_forces(calibration, &steps);
     let values: Vec<Values> = (0..steps.len())
@@ -161,12 +142,52 @@ pub fn dwells(
             }
         })
         .collect();
-    of_values(Given::Forces, &table, &values, calibration, steps, first_visit)?.ok_or_else(|| {
+    let found = of_values(Given::Forces, &table, &values, calibration, steps, first_visit)?;
+    let found = found.ok_or_else(|| {
         BadInput::new(format!(
             "the recording of {} has no time of 30 s in one position, 20 s of settling apart",
             r.unit()
         ))
-    })
+    })?;
+    Ok(paired(found, first_visit))
+}
+
+/// Takes out seconds that are far from the others of their position: knocks.
+fn without_knocks(forces: &mut [Vec<f64>; AXES], table: &[Vec<f64>; AXES]) {
+    let n = table[0].len();
+    let at = |k: usize| [0, 1, 2].map(|a: usize| table[a][k]);
+    let mut from = 0;
+    while from < n {
+        let to = (from + 1..n).find(|k| at(*k) != at(from)).unwrap_or(n);
+        for values in forces.iter_mut().map(|f| &mut f[from..to]) {
+            let Some(middle) = median(&mut values.iter().copied().filter(|v| v.is_finite()).collect::<Vec<_>>()) else {
+                continue;
+            };
+            let mut off: Vec<f64> = values.iter().map(|v| (v - middle).abs()).filter(|v| v.is_finite()).collect();
+            let usual = median(&mut off).unwrap_or(0.0);
+            values.iter_mut().filter(|v| (**v - middle).abs() > KNOCK * usual).for_each(|v| *v = f64::NAN);
+        }
+        from = to;
+    }
+}
+
+/// Dwells by visits: of each axis one up and the next down, or the other way round.
+fn paired(dwells: Vec<Dwell>, first_visit: usize) -> Vec<Dwell> {
+    let mut waiting: [Option<Dwell>; AXES] = [const { None }; AXES];
+    let mut out: Vec<Dwell> = Vec::new();
+    let mut visit = first_visit;
+    for d in dwells {
+        let Some(axis) = d.about else { continue };
+        match waiting[axis].take() {
+            Some(before) if before.given() * d.given() < 0.0 => {
+                visit += 1;
+                out.extend([before, d].map(|d| Dwell { visit, ..d }));
+            }
+            // (The same again: the newer is nearer to what comes.)
+            _ => waiting[axis] = Some(d),
+        }
+    }
+    out
 }
 
 /// The dwells of specific forces that a unit has sent, one for each second of its recording from the first on (NaN where none came), in its positions.
@@ -184,7 +205,8 @@ pub fn dwells_of_unit(
     let table = by_step(&table, r, &steps);
     let values: Vec<Values> = sent_mps2.iter().map(|f| Values { unbiased: *f, corrected: *f }).collect();
     let found = of_values(Given::Forces, &table, &values, calibration, steps, first_visit)?;
-    found.ok_or_else(|| BadInput::new("the unit has sent no specific force for 30 s in one position"))
+    let found = found.ok_or_else(|| BadInput::new("the unit has sent no specific force for 30 s in one position"))?;
+    Ok(paired(found, first_visit))
 }
 
 /// The dwells of several recordings of one unit, under a calibration.
@@ -218,14 +240,7 @@ pub fn identify(recordings: &[Recording], calibration: &Calibration) -> Result<F
     let dwells_by = |found: &Calibration| all_dwells(recordings, calibration, found);
     let plain = Calibration { specific_force: None, ..calibration.clone() };
     let mut dwells = dwells_by(&plain)?;
-    for a in 0..AXES {
-        if [1.0, -1.0].iter().any(|s| !dwells.iter().any(|d| d.about == Some(a) && s * d.given() > 0.0)) {
-            return Err(BadInput::new(format!(
-                "axis {} was not held both up and down for 30 s at least (20 s of settling apart): bias and scale factor need both",
-                AXIS_NAMES[a]
-            )));
-        }
-    }
+    (0..AXES).try_for_each(|a| sound(&dwells, a))?;
     let mut last: Option<([AxisFit; AXES], [Curve; AXES])> = None;
     let mut left_out = Vec::new();
     for _ in 0..PASSES {
@@ -245,7 +260,13 @@ pub fn identify(recordings: &[Recording], calibration: &Calibration) -> Result<F
             Accelerometer { bias: stated(&biases[a], &errors, &scaled), errors }
         }));
         last = Some((factors, biases));
-        dwells = dwells_by(&found)?;
+        let before = std::mem::replace(&mut dwells, dwells_by(&found)?);
+        let change = |(d, b): (&Dwell, &Dwell)| {
+            d.corrected.iter().zip(b.corrected).map(|(d, b)| (d - b).abs()).fold(0.0, f64::max)
+        };
+        if dwells.iter().zip(&before).map(change).fold(0.0, f64::max) < SETTLED_MPS2 {
+            break;
+        }
     }
     let Some((factors, biases)) = last else { return Err(BadInput::new("no pass of the fit")) };
     left_out.extend(factors.iter().flat_map(|f| f.left_out.clone()));
@@ -254,6 +275,28 @@ pub fn identify(recordings: &[Recording], calibration: &Calibration) -> Result<F
     }
     found.check().map_err(hrg_data::image_file::FileError::Unusable)?;
     Ok(Found { calibration: found, factors, biases, dwells, notes })
+}
+
+/// Tests that an axis was held up and down, and gives about what the positions say.
+fn sound(dwells: &[Dwell], a: usize) -> Result<(), BadInput> {
+    let own = visits(dwells).filter(|v| v[0].about == Some(a));
+    let shares: Vec<f64> = own
+        .filter_map(|v| plus_and_minus(v, &|d| vec![d.unbiased[a], d.table[a]]))
+        .map(|(up, down, _)| (up[0] - down[0]) / (up[1] - down[1]))
+        .collect();
+    let axis = AXIS_NAMES[a];
+    if shares.is_empty() {
+        return Err(BadInput::new(format!(
+            "axis {axis} was not held both up and down for 30 s at least (20 s of settling apart): bias and scale factor need both"
+        )));
+    }
+    let share = mean(&shares);
+    if (0.9..1.1).contains(&share) {
+        return Ok(());
+    }
+    Err(BadInput::new(format!(
+        "accelerometer {axis} gives {share:.3} of the specific force of its positions: at rest the axis that points up reads +9.81 m/s^2 in force_{axis}_mps2 and table_force_{axis}_mps2; look at the sign, the order of the axes and the unit"
+    )))
 }
 
 /// The curve of a bias, and the terms that the runs do not tell apart. `last`: that of the pass before, which is off the dwells.

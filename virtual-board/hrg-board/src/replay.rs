@@ -27,6 +27,9 @@ pub const CALIBRATION_A: u32 = 0x4000;
 /// Flash offset of calibration sector B (memory.x).
 pub const CALIBRATION_B: u32 = 0x8000;
 
+/// Flash offset of the field log (memory.x).
+pub const FIELD_LOG: u32 = 0xC000;
+
 /// Options of a run.
 #[derive(Debug, Clone)]
 pub struct Options {

@@ -1,6 +1,6 @@
 //! The virtual board live: its link and its log on pseudo-terminals, in real or scaled time.
 
-use crate::replay::{CALIBRATION_A, CALIBRATION_B};
+use crate::replay::{CALIBRATION_A, CALIBRATION_B, FIELD_LOG};
 use crate::wires::{Received, Wires};
 use anyhow::{Context, Result};
 use hrg_core::calibration::Calibration;
@@ -27,8 +27,8 @@ pub struct Options {
     pub as_on_chip: bool,
 }
 
-/// Calibration sectors, as offsets in flash.
-const SECTORS: [u32; 2] = [CALIBRATION_A, CALIBRATION_B];
+/// Sectors that stay when the board is off, as offsets in flash: calibrations, field log.
+const SECTORS: [u32; 3] = [CALIBRATION_A, CALIBRATION_B, FIELD_LOG];
 /// The board runs in slices of this.
 const SLICE: Duration = Duration::from_millis(20);
 
@@ -88,9 +88,9 @@ pub fn serve(
         (Some(c), _) => {
             board.write_flash(CALIBRATION_A, &c.to_bytes().context("the calibration does not fit an image")?)?;
         }
-        (None, Ok(image)) if image.len() == 2 * SECTOR => {
-            for (k, at) in SECTORS.iter().enumerate() {
-                board.write_flash(*at, &image[k * SECTOR..(k + 1) * SECTOR])?;
+        (None, Ok(image)) if image.len() % SECTOR == 0 => {
+            for (at, sector) in SECTORS.iter().zip(image.chunks(SECTOR)) {
+                board.write_flash(*at, sector)?;
             }
             println!("{}: flash as it was when the board was last on", flash.display());
         }
@@ -126,9 +126,9 @@ pub fn serve(
             None => due = Instant::now(),
         }
     }
-    let mut image = vec![0; 2 * SECTOR];
-    for (k, at) in SECTORS.iter().enumerate() {
-        board.read_memory(virtual_board::FLASH_START + at, &mut image[k * SECTOR..(k + 1) * SECTOR])?;
+    let mut image = vec![0; SECTORS.len() * SECTOR];
+    for (at, sector) in SECTORS.iter().zip(image.chunks_mut(SECTOR)) {
+        board.read_memory(virtual_board::FLASH_START + at, sector)?;
     }
     hrg_data::output::write_file(&flash, &image)?;
     for name in ["link", "log"] {

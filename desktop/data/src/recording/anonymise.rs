@@ -1,12 +1,14 @@
 //! A recording that its owner can give away: without names, dates and place.
 
-use super::metadata::{STANDS_FOR, TABLE_RATE, TIME_STEP, UNIT_INPUTS};
+use super::metadata::{CALIBRATION, FORCES, STANDS_FOR, TABLE_RATE, TIME_STEP, UNIT_INPUTS};
 use super::plausible::AT_REST;
 use super::Recording;
 use crate::error::BadInput;
 
 /// Metadata that stay: what is needed to use the numbers, and tells nothing of whose they are.
-const KEPT: [&str; 11] = [
+const KEPT: [&str; 13] = [
+    CALIBRATION,
+    FORCES,
     "hrg-recording",
     "rate_unit",
     "rates",

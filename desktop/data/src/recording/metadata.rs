@@ -13,7 +13,7 @@ use hrg_core::AXES;
 pub const EARTH_RATE_DPH: f64 = 15.041_067;
 
 /// Keys with a meaning. Each may stand in a file once, or again with the same value.
-pub const KEYS: [&str; 18] = [
+pub const KEYS: [&str; 19] = [
     "hrg-recording",
     "unit",
     "run",
@@ -29,6 +29,7 @@ pub const KEYS: [&str; 18] = [
     "thermometer",
     TIME_STEP,
     TABLE_RATE,
+    FORCES,
     AT_REST,
     STANDS_FOR,
     UNIT_INPUTS,
@@ -42,6 +43,10 @@ pub const TIME_STEP: &str = "time_step_s";
 
 /// Key of the rate of a table that was the same in the whole recording; else it stands in columns.
 pub const TABLE_RATE: &str = "table_rate_dph";
+/// Checksum of the image that the unit had.
+pub const CALIBRATION: &str = "calibration";
+/// `raw`: that image has corrected no specific force.
+pub const FORCES: &str = "forces";
 
 /// Key of the quantity that stands in the place of the rates, where it is not that of a gyro.
 pub const STANDS_FOR: &str = "rate_stands_for";

@@ -140,6 +140,16 @@ impl InUse {
             Self::Locked => None,
         }
     }
+
+    /// `true` if it is known to correct no specific force.
+    #[must_use]
+    pub fn leaves_forces_raw(&self) -> bool {
+        match self {
+            Self::Default => true,
+            Self::Image(c) => c.specific_force.is_none(),
+            Self::Locked => false,
+        }
+    }
 }
 
 /// An image in the unit's flash: its place, and what was read there.
@@ -304,6 +314,8 @@ impl Unit {
                 "cannot open the port {path}: {e}; check the cable, and who else has it open; {there}"
             ))
         })?;
+        // (An identity that another program has asked for may still wait there.)
+        let _ = port.clear(serialport::ClearBuffer::Input);
         Ok(Self {
             path: path.into(),
             port,
@@ -675,7 +687,7 @@ impl Unit {
                 None => break,
             }
         }
-        Err(BadInput::new("the unit sends no housekeeping; check its power, and that the port is its link").into())
+        Err(BadInput::new("the unit sends no housekeeping; check its power, and that the port is its link (one that sends MAVLink sends none: hrg unit output --framing own)").into())
     }
 
     /// Refuses a calibration whose curves make no temperature of what the unit reads now: one of sensors for a unit of resonators,

@@ -11,7 +11,7 @@ use hrg_core::AXES;
 use hrg_data::error::BadInput;
 use hrg_data::recording::columns;
 use hrg_data::recording::columns::Written;
-use hrg_data::recording::metadata::{scale_text, Attitude, NO_INPUTS, SCALE_FACTOR, UNIT_INPUTS};
+use hrg_data::recording::metadata::{scale_text, Attitude, FORCES, NO_INPUTS, SCALE_FACTOR, UNIT_INPUTS};
 use hrg_data::recording::{names, names_of};
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -156,6 +156,8 @@ pub struct Head {
     pub attitude: Option<Attitude>,
     /// The scale factor that makes its rates, deg/h per code.
     pub scale_factor: Option<[f32; 3]>,
+    /// Specific forces are as the accelerometers give them, whatever image the unit has.
+    pub raw_forces: bool,
     /// The rows come as the unit makes them: this machine's clock tells when it was powered on.
     pub live: bool,
 }
@@ -202,9 +204,10 @@ pub struct Recorder {
     /// Inputs of the step that is coming, and those that have a column.
     used: InputsUsed,
     inputs: QuantitySet,
-    /// Increments since the last second; and there is a column for their mean.
+    /// There is a column for the mean specific force: the unit sends increments.
+    pub with_force: bool,
+    /// Increments since the last second.
     increments: Force,
-    with_force: bool,
     last: Option<Second>,
     /// Milliseconds by which the unit's 32-bit counter has wrapped.
     wrapped_ms: u64,
@@ -328,6 +331,10 @@ impl Recorder {
         self.inputs = second.inputs_there().difference(beside);
         let names = names_of(self.inputs);
         let mut head = self.head.text(second);
+        self.with_force |= self.increments.ticks > 0;
+        if self.with_force && self.head.raw_forces {
+            let _ = writeln!(head, "# {FORCES}: raw");
+        }
         // (The log does not tell of inputs.)
         if self.head.live || !names.is_empty() {
             let listed = if names.is_empty() { NO_INPUTS.to_string() } else { names.join(", ") };
@@ -338,7 +345,6 @@ impl Recorder {
         if self.sensors.is_some() {
             sensors::COLUMNS.iter().flat_map(|c| c.names).for_each(|name| head.extend([",", name]));
         }
-        self.with_force = self.increments.ticks > 0;
         if self.with_force {
             columns::FORCE.names.iter().for_each(|name| head.extend([",", name]));
         }

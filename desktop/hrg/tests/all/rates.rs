@@ -105,7 +105,7 @@ fn curves_are_as_near_the_truth_as_stated() {
     for (name, v) in kinds {
         println!("{name}: z^2 {:.2} of {}", mean(v), v.len());
     }
-    assert!(worst[0] < 5.0 && worst[1] < 5.0, "{worst:?}");
+    assert!(worst[0] < 5.8 && worst[1] < 2.0, "{worst:?}");
     // 36 of a kind, or as many curves: the mean of z^2 scatters by 0.24 where each value stands alone.
     for (name, v) in kinds {
         assert!((0.4..1.6).contains(&mean(v)), "{name}: {}", mean(v));

@@ -3,8 +3,9 @@
 //! # Method
 //! `value = x b + g(T, r) + noise`: the terms `x` of the image, which are the unit's own, and a misfit `g` that no term describes. `g` is a
 //! random curve of standard deviation `s` on a soak, alike at temperatures that are near each other ([`LENGTH_C`]); with a ramp it grows
-//! ([`RAMP_C_PER_MIN`]). The values themselves determine `s`: for each `s` of a grid the coefficients are those of generalised least
-//! squares. The result is the mean over `s` by the restricted likelihood and a half-Cauchy prior whose scale is [`PRIOR`] of the noise of a
+//! ([`RAMP_C_PER_MIN`]). The coefficients are those of least squares, each value weighed by its own variance (noise and `g`, which is larger on a ramp): the image has the terms
+//! alone, so they have to be near the values, whatever a `g` that neighbours have in common could take of them. That is in what is stated. The result is the mean over `s`
+//! by its restricted likelihood and a half-Cauchy prior whose scale is [`PRIOR`] of the noise of a
 //! value: a few temperatures say little of `s`, and a flat prior would let it be anything. Sources: Rasmussen and Williams, Gaussian
 //! Processes for Machine Learning (2006), section 2.7 (a curve of known terms with a random one) and chapter 5; Gelman, Bayesian Analysis 1
 //! (2006) 515 (the prior).
@@ -141,24 +142,28 @@ impl Curve {
     }
 }
 
-/// Generalised least squares with noise and misfit of covariance `v` times the noise, of which the misfit has `part` on a soak; with the
-/// logarithm of the restricted likelihood.
+/// Noise and misfit of covariance `v` times the noise, of which the misfit has `part` on a soak, with the logarithm of the restricted likelihood; and the
+/// coefficients that take each value by its own variance.
 fn hypothesis(x: &DMatrix<f64>, y: &DVector<f64>, v: DMatrix<f64>, part: f64) -> Option<(f64, Hypothesis)> {
     let free = (x.nrows() - x.ncols()) as f64;
     let log_size = |c: &Cholesky<f64, nalgebra::Dyn>| 2.0 * c.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
+    let alone = DMatrix::from_fn(x.ncols(), x.nrows(), |j, k| x[(k, j)] / v[(k, k)]);
+    let gain = (&alone * x).cholesky()?.solve(&alone);
+    let coefficients = &gain * y;
+    let spread = &gain * &v * gain.transpose();
     let v = v.cholesky()?;
     let weighted = v.solve(x);
     let information = (x.transpose() * &weighted).cholesky()?;
-    let gain = information.solve(&weighted.transpose());
-    let coefficients = &gain * y;
-    let left = y - x * &coefficients;
+    let left = y - x * information.solve(&(weighted.transpose() * y));
     let squares = left.dot(&v.solve(&left));
     let log = -0.5 * (log_size(&v) + log_size(&information) + free * squares.ln());
     // Mean of the variance that so many squares leave open.
     let noise = squares / (free - 2.0);
-    let covariance = information.inverse() * noise;
-    Some((log, Hypothesis { probability: 0.0, misfit: part * noise, coefficients, covariance, gain, noise }))
-        .filter(|h| h.0.is_finite())
+    Some((
+        log,
+        Hypothesis { probability: 0.0, misfit: part * noise, coefficients, covariance: spread * noise, gain, noise },
+    ))
+    .filter(|h| h.0.is_finite())
 }
 
 #[cfg(test)]

@@ -185,42 +185,45 @@ pub(crate) fn of_values(
     let mut out: Vec<Dwell> = Vec::new();
     let mut visit = first_visit;
     let mut last_axis = None;
-    let mut from = 0;
     let n = values.len().min(table[0].len());
-    while from < n {
+    // (Seconds without a row belong to what is about them.)
+    let there = |k: &usize| at(*k).iter().all(|v| v.is_finite());
+    let mut next = (0..n).find(there);
+    while let Some(from) = next {
         let rate = at(from);
-        let to = (from + 1..n).find(|k| !same(rate, at(*k))).unwrap_or(n);
+        next = (from + 1..n).filter(there).find(|k| !same(rate, at(*k)));
+        let to = next.unwrap_or(n);
         let about = axis_of(rate);
         let settled = (to - from).saturating_sub(SETTLE_S + END_S);
         let used = match given {
             Given::Rates => whole_revolutions(settled, size(rate)),
             Given::Forces => settled,
         };
-        if about != last_axis {
-            visit += 1;
-            last_axis = about;
+        // (Times between two dwells, in which the table turns or changes its rate, end no visit.)
+        if used >= SHORTEST_S {
+            if about != last_axis {
+                visit += 1;
+                last_axis = about;
+            }
+            out.extend(one(&run, calibration, values, to - END_S - used..to - END_S, table, about, visit));
         }
-        if used >= SHORTEST_S && rate.iter().all(|v| v.is_finite()) {
-            out.extend(one(&run, calibration, values, to - END_S - used..to - END_S, rate, about, visit));
-        }
-        from = to;
     }
     Ok(Some(out).filter(|o| !o.is_empty()))
 }
 
-/// The means of a dwell; `None` where most of its seconds have no value or temperature.
+/// The means of a dwell; `None` where two in three of its seconds have no value or temperature.
 fn one(
     run: &Run,
     calibration: &Calibration,
     values: &[Values],
     at: std::ops::Range<usize>,
-    table: [f64; AXES],
+    table: &[Vec<f64>; AXES],
     about: Option<usize>,
     visit: usize,
 ) -> Option<Dwell> {
     let mut d = Dwell {
         visit,
-        table,
+        table: [0.0; AXES],
         about,
         at: at.clone(),
         seconds: 0,
@@ -240,7 +243,7 @@ fn one(
         let states = [0, 1, 2].map(|a: usize| run.state(before, a));
         let [Some(x), Some(y), Some(z)] = states else { continue };
         let states = [x, y, z];
-        if unbiased.iter().any(|v| !v.is_finite()) {
+        if unbiased.iter().chain(table.iter().map(|t| &t[k])).any(|v| !v.is_finite()) {
             continue;
         }
         d.seconds += 1;
@@ -248,6 +251,7 @@ fn one(
             let (t, r) = states[a];
             d.temperature_c[a] += f64::from(t);
             d.ramp_c_per_min[a] += f64::from(r);
+            d.table[a] += table[a][k];
             d.unbiased[a] += unbiased[a];
             d.corrected[a] += corrected[a];
             let u = f64::from(calibration.scaling.u(t));
@@ -257,12 +261,18 @@ fn one(
             d.by_temperature[a].iter_mut().zip(unbiased).for_each(|(to, f)| *to += u * f);
         }
     }
-    if 2 * d.seconds < wanted {
+    if 3 * d.seconds < wanted {
         return None;
     }
     let share = 1.0 / d.seconds as f64;
     let rows = [&mut d.scaled, &mut d.regressors].into_iter().flat_map(|r| r.as_flattened_mut());
-    let means = d.temperature_c.iter_mut().chain(&mut d.ramp_c_per_min).chain(&mut d.unbiased).chain(&mut d.corrected);
+    let means = d
+        .table
+        .iter_mut()
+        .chain(&mut d.temperature_c)
+        .chain(&mut d.ramp_c_per_min)
+        .chain(&mut d.unbiased)
+        .chain(&mut d.corrected);
     means.chain(d.by_temperature.as_flattened_mut()).chain(rows).for_each(|v| *v *= share);
     Some(d)
 }

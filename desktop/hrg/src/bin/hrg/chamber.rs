@@ -181,7 +181,10 @@ impl<'a> Recording<'a> {
     fn look(&mut self, unit: &mut Unit) -> Result<()> {
         self.recorder.head.unit = self.arguments.name(name_of(&self.identity))?;
         let printed = self.arguments.scale_factor()?;
-        let own = unit.in_use(&self.identity)?.scale_factor();
+        let in_use = unit.in_use(&self.identity)?;
+        self.recorder.with_force = self.identity.increments > 0;
+        self.recorder.head.raw_forces = in_use.leaves_forces_raw();
+        let own = in_use.scale_factor();
         if let (Some(own), Some(printed)) = (own, printed) {
             if !same_scale(&own, &printed) {
                 return Err(BadInput::new(format!(

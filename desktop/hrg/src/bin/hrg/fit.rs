@@ -38,10 +38,6 @@ pub struct Arguments {
     /// With --rates or --accelerometers: runs that the fit does not see; before and after are printed on them.
     #[arg(long, requires = "added")]
     verify: Vec<PathBuf>,
-    /// With --accelerometers: gravity at the place, m/s^2, for recordings without table_force_?_mps2: an axis within 10 degrees of the vertical counts as
-    /// upright.
-    #[arg(long, requires = "accelerometers", value_name = "MPS2")]
-    gravity: Option<f64>,
     /// Method of identification (docs/methods.md)
     #[arg(long, default_value = "lsq")]
     method: Method,
@@ -85,11 +81,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
     };
     if let Some(calibration) = &arguments.calibration {
         let (runs, verify) = (&arguments.recordings, &arguments.verify);
-        return if arguments.rates {
-            crate::rates::fit(runs, calibration, verify, &out)
-        } else {
-            crate::forces::fit(runs, calibration, verify, arguments.gravity, &out)
-        };
+        let added = if arguments.rates { crate::rates::fit } else { crate::forces::fit };
+        return added(runs, calibration, verify, &out);
     }
     let Arguments {
         recordings, method, seed, uniform, curve, breakpoint, degree, history, different_units, facts, ..

@@ -1,32 +1,20 @@
 //! `hrg fit --accelerometers`: bias, scale factor and misalignment of accelerometers over temperature.
 
 use crate::now;
-use crate::rates::{runs_of, with_std};
+use crate::rates::{of_one_unit, runs_of, too_short, with_std};
 use anyhow::Result;
 use hrg_core::rate_factors::OTHERS;
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::image_file;
-use hrg_data::load::load_recording;
 use hrg_identify::forces;
 use hrg_identify::forces::{Found, UG_OF_MPS2};
 use hrg_identify::rates::{bins, Bin};
 use std::path::{Path, PathBuf};
 
 /// Fits, writes the image and prints what was found; with `verify` also before and after on runs that the fit did not see.
-pub fn fit(
-    runs: &[PathBuf],
-    calibration: &Path,
-    verify: &[PathBuf],
-    gravity_mps2: Option<f64>,
-    out: &Path,
-) -> Result<()> {
-    let load = |p: &PathBuf| {
-        let mut r = load_recording(p)?;
-        gravity_mps2.map_or(Ok(()), |g| forces::recognise_positions(&mut r, g))?;
-        Ok(r)
-    };
-    let recordings = runs.iter().map(load).collect::<Result<Vec<_>>>()?;
+pub fn fit(runs: &[PathBuf], calibration: &Path, verify: &[PathBuf], out: &Path) -> Result<()> {
+    let (recordings, unseen) = of_one_unit(runs, verify)?;
     let given = image_file::load(calibration)?;
     let mut found = forces::identify(&recordings, &given)?;
     found.calibration.created_unix_s = now();
@@ -36,8 +24,7 @@ pub fn fit(
     for n in &found.notes {
         println!("note: {n}");
     }
-    if !verify.is_empty() {
-        let unseen = verify.iter().map(load).collect::<Result<Vec<_>>>()?;
+    if !unseen.is_empty() {
         println!("\nbefore and after, on {} that the fit did not see:", runs_of(unseen.len()));
         for (name, c) in [("before", &given), ("after", &found.calibration)] {
             say_bins(name, &bins(&forces::all_dwells(&unseen, &given, c)?));
@@ -82,6 +69,10 @@ fn say_found(found: &Found) {
 fn say_bins(name: &str, all: &[Bin]) {
     for a in 0..AXES {
         let own: Vec<&Bin> = all.iter().filter(|b| b.axis == a).collect();
+        if own.is_empty() {
+            println!("{}", too_short(name, a));
+            continue;
+        }
         let largest = |values: &dyn Fn(&Bin) -> f64| own.iter().map(|b| values(b).abs()).fold(0.0, f64::max);
         println!(
             "  {name:<6} {}: bias at most {:8.2} ug, scale factor {:8.2} ppm, misalignments {:7.2} and {:7.2} urad, over {} temperatures",

@@ -116,12 +116,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 fn say_changes(changes: &[images::Change], since: &str) {
-    println!("  {:<22} {:>14} {:>14} {:>9} {:>9}", format!("since {since}"), "mean", "largest", "at [C]", "sigmas");
+    println!("  {:<34} {:>14} {:>14} {:>9} {:>9}", format!("since {since}"), "mean", "largest", "at [C]", "sigmas");
     for c in changes {
         let Some(most) = c.largest() else { continue };
         let unit = c.quantity.unit();
         println!(
-            "  {:<22} {:>14} {:>14} {:>9.1} {:>9}",
+            "  {:<34} {:>14} {:>14} {:>9.1} {:>9}",
             c.quantity.name(),
             format!("{:+.4} {unit}", c.mean()),
             format!("{:+.4} {unit}", most.value),
@@ -139,7 +139,7 @@ fn say_trends(trends: &[Trend], limit: Option<f64>) {
         let unit = t.quantity.unit();
         let sure =
             if std.is_nan() { "(standard deviation not stated)".to_string() } else { format!("\u{b1} {std:.4}") };
-        let mut line = format!("  {:<22} {slope:+.4} {sure} {unit} a year", t.quantity.name());
+        let mut line = format!("  {:<34} {slope:+.4} {sure} {unit} a year", t.quantity.name());
         let newest = t.means.last();
         let limit = limit.or_else(|| newest.map(|m| 3.0 * m.std)).filter(|l| l.is_finite() && *l > 0.0);
         if let (Quantity::Bias(_), Some(limit), Some(newest)) = (t.quantity, limit, newest) {

@@ -9,6 +9,8 @@ use hrg_data::axes::AXIS_NAMES;
 use hrg_data::image_file;
 use hrg_data::load::load_recording;
 use hrg_data::recording::turns::SETTLE_S;
+use hrg_data::recording::Recording;
+use hrg_identify::fit::independence::{same_unit, Units};
 use hrg_identify::rates;
 use hrg_identify::rates::{bins, quality, separable, Bin, Found};
 use hrg_simulate::turning::Scheme;
@@ -16,7 +18,7 @@ use std::path::{Path, PathBuf};
 
 /// Fits, writes the image and prints what was found; with `verify` also before and after on runs that the fit did not see.
 pub fn fit(runs: &[PathBuf], calibration: &Path, verify: &[PathBuf], out: &Path) -> Result<()> {
-    let recordings = runs.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>()?;
+    let (recordings, unseen) = of_one_unit(runs, verify)?;
     let given = image_file::load(calibration)?;
     let mut found = rates::identify(&recordings, &given)?;
     found.calibration.created_unix_s = now();
@@ -26,8 +28,7 @@ pub fn fit(runs: &[PathBuf], calibration: &Path, verify: &[PathBuf], out: &Path)
     for n in &found.notes {
         println!("note: {n}");
     }
-    if !verify.is_empty() {
-        let unseen = verify.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>()?;
+    if !unseen.is_empty() {
         println!("\nbefore and after, on {} that the fit did not see:", runs_of(unseen.len()));
         for (name, c) in [("before", &given), ("after", &found.calibration)] {
             say_bins(name, &bins(&rates::all_dwells(&unseen, c)?));
@@ -35,6 +36,22 @@ pub fn fit(runs: &[PathBuf], calibration: &Path, verify: &[PathBuf], out: &Path)
     }
     println!("{}: scale factors and misalignments, image {:08x}", out.display(), found.calibration.checksum());
     Ok(())
+}
+
+/// The runs of a fit, and those that it does not see, of one unit.
+pub(crate) fn of_one_unit(runs: &[PathBuf], verify: &[PathBuf]) -> Result<(Vec<Recording>, Vec<Recording>)> {
+    let load = |paths: &[PathBuf]| paths.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>();
+    let (seen, unseen) = (load(runs)?, load(verify)?);
+    let all: Vec<&Recording> = seen.iter().chain(&unseen).collect();
+    if let Some(note) = same_unit(&all, Units::Same)? {
+        println!("note: {note}");
+    }
+    Ok((seen, unseen))
+}
+
+/// A line in the place of what is left of an axis.
+pub(crate) fn too_short(name: &str, a: usize) -> String {
+    format!("  {name:<6} {}: too few rounds to judge by: three within 10 C at least", AXIS_NAMES[a])
 }
 
 pub(crate) fn runs_of(n: usize) -> String {
@@ -97,6 +114,10 @@ fn say_found(found: &Found) {
 fn say_bins(name: &str, all: &[Bin]) {
     for a in 0..AXES {
         let own: Vec<&Bin> = all.iter().filter(|b| b.axis == a).collect();
+        if own.is_empty() {
+            println!("{}", too_short(name, a));
+            continue;
+        }
         let largest = |values: &dyn Fn(&Bin) -> f64| own.iter().map(|b| values(b).abs()).fold(0.0, f64::max);
         let mean = own.iter().map(|b| b.scale_ppm).sum::<f64>() / own.len().max(1) as f64;
         let change = largest(&|b| b.scale_ppm - mean);
