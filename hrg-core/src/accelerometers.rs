@@ -15,8 +15,11 @@
 
 use crate::schema::layout;
 
+/// One g, m/s^2.
+pub const STANDARD_GRAVITY_MPS2: f64 = 9.806_65;
+
 /// Acceleration of one code of the ADC, m/s^2: two g at the end of 24 bits.
-pub const MPS2_PER_CODE: f64 = 2.0 * 9.806_65 / 8_388_608.0;
+pub const MPS2_PER_CODE: f64 = 2.0 * STANDARD_GRAVITY_MPS2 / 8_388_608.0;
 
 /// Scale and cross-axis beyond these are no accelerometer's, but a wrong column.
 pub const ODDEST: f32 = 0.2;

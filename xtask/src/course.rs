@@ -3,8 +3,8 @@
 //! command builds are ignored there.
 
 use crate::{
-    aux, bench_unit, bring_up, cargo, hil, library, mavlink, minimal, other_chip, python, reference, root, run,
-    sensors, setup, signed, size, slot_b, without,
+    bench_unit, bring_up, cargo, hil, library, minimal, other_chip, python, reference, root, run, setup, signed, size,
+    slot_b, with_feature, without,
 };
 use crate::{Failure, Toolchain};
 use std::io::{BufRead, BufReader};
@@ -123,9 +123,9 @@ fn the_rest(course: &Course, t: &Toolchain) -> Result<Sum, Failure> {
             course.step("the firmware", size)?;
             course.step("the firmware that wants signed calibrations", || signed(t))?;
             course.step("the smallest firmware", || minimal(t))?;
-            course.step("the firmware with temperature sensors", || sensors(t))?;
-            course.step("the firmware with inputs at the ADC", || aux(t))?;
-            course.step("the firmware that speaks MAVLink", || mavlink(t))?;
+            course.step("the firmware with temperature sensors", || with_feature(t, "sensors"))?;
+            course.step("the firmware with inputs at the ADC", || with_feature(t, "aux"))?;
+            course.step("the firmware that speaks MAVLink", || with_feature(t, "mavlink"))?;
             course.step("the second chip", || other_chip(t))?;
             course.step("the firmware without each part", || without(t))?;
             course.step("the bring-up program", bring_up::build)?;

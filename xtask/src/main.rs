@@ -96,9 +96,15 @@ fn main() -> ExitCode {
         Some("size") if rest.first().is_some_and(|a| a == "--stm32f405rg") => {
             setup::toolchain().and_then(|t| other_chip(&t))
         }
-        Some("size") if rest.first().is_some_and(|a| a == "--sensors") => setup::toolchain().and_then(|t| sensors(&t)),
-        Some("size") if rest.first().is_some_and(|a| a == "--aux") => setup::toolchain().and_then(|t| aux(&t)),
-        Some("size") if rest.first().is_some_and(|a| a == "--mavlink") => setup::toolchain().and_then(|t| mavlink(&t)),
+        Some("size") if rest.first().is_some_and(|a| a == "--sensors") => {
+            setup::toolchain().and_then(|t| with_feature(&t, "sensors"))
+        }
+        Some("size") if rest.first().is_some_and(|a| a == "--aux") => {
+            setup::toolchain().and_then(|t| with_feature(&t, "aux"))
+        }
+        Some("size") if rest.first().is_some_and(|a| a == "--mavlink") => {
+            setup::toolchain().and_then(|t| with_feature(&t, "mavlink"))
+        }
         Some("size") if rest.first().is_some_and(|a| a == "--minimal") => setup::toolchain().and_then(|t| minimal(&t)),
         Some("size") if rest.first().is_some_and(|a| a == "--bring-up") => bring_up::build(),
         Some("size") if rest.first().is_some_and(|a| a == "--chip-tests") => {
@@ -534,19 +540,10 @@ fn without(t: &Toolchain) -> Result<(), Failure> {
     })
 }
 
-/// The firmware that reads platinum resistors in the place of resonators.
-fn sensors(t: &Toolchain) -> Result<(), Failure> {
-    bounds(&variant(t, "sensors", |c| c.args(["--features", "sensors"]))?, "sensors: ", FLASH_BOUND)
-}
-
-/// The firmware with inputs at channels 5 to 7 of the ADC.
-fn aux(t: &Toolchain) -> Result<(), Failure> {
-    bounds(&variant(t, "aux", |c| c.args(["--features", "aux"]))?, "aux: ", FLASH_BOUND)
-}
-
-/// The firmware that can send in MAVLink's framing.
-fn mavlink(t: &Toolchain) -> Result<(), Failure> {
-    bounds(&variant(t, "mavlink", |c| c.args(["--features", "mavlink"]))?, "mavlink: ", FLASH_BOUND)
+/// The firmware with one more feature: `sensors` reads platinum resistors in the place of resonators, `aux` inputs at channels 5 to 7 of the ADC, `mavlink` can
+/// send in that framing.
+fn with_feature(t: &Toolchain, feature: &str) -> Result<(), Failure> {
+    bounds(&variant(t, feature, |c| c.args(["--features", feature]))?, &format!("{feature}: "), FLASH_BOUND)
 }
 
 /// The firmware that wants signed calibrations and keeps its states over power cuts by a battery. Its key is that of the tests, which

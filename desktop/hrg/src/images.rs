@@ -253,40 +253,40 @@ pub fn bias_on_ramp(c: &Calibration, temperature_c: f64, c_per_min: f64) -> [(f6
     [0, 1, 2].map(|a| (f64::from(output.bias_dph[a]), bias_std_dph(c, a, &output)))
 }
 
-/// Scale factor and misalignment of an accelerometer; `None`: the image has none.
-fn of_force(c: &Calibration, a: usize) -> Option<&RateAxis> {
-    c.specific_force.as_ref().map(|all| &all[a].errors)
-}
-
 /// Values of an image for the readings of a soak: each quantity, with its standard deviation.
 fn on_soak(c: &Calibration, reading: [f64; AXES], quantities: &[Quantity]) -> Vec<(f64, f64)> {
     let output = output_after(c, &|_| reading, soak_steps());
-    let stated = |std: f32, is: bool| if is { f64::from(std) } else { f64::NAN };
+    let stated = |std: f32| if std > 0.0 { f64::from(std) } else { f64::NAN };
+    let scale_std = |errors: Option<&RateAxis>, a: usize| {
+        stated(errors.map_or(0.0, |e| e.scale_std_at_ppm(output.temperature_c[a])))
+    };
+    let cross_std = |errors: Option<&RateAxis>, a: usize, j: usize| {
+        stated(errors.map_or(0.0, |e| e.misalignment_std_at_urad(j, output.temperature_c[a])))
+    };
+    let of_rate = |a: usize| c.rates.as_ref().map(|r| &r[a]);
+    let of_force = |a: usize| c.specific_force.as_ref().map(|all| &all[a]);
+    let force = &output.specific_force;
     quantities
         .iter()
         .map(|q| match *q {
             Quantity::Bias(a) => (f64::from(output.bias_dph[a]), bias_std_dph(c, a, &output)),
             Quantity::ScaleFactor(a) => {
-                let std = c.rates.as_ref().map_or(0.0, |r| r[a].scale_std_at_ppm(output.temperature_c[a]));
                 let all = f64::from(output.factors.scale()[a]) * f64::from(c.axes[a].scale_factor_dph_per_code);
-                (all, stated(std, std > 0.0))
+                (all, scale_std(of_rate(a), a))
             }
             Quantity::Misalignment(a, j) => {
-                let std = c.rates.as_ref().map_or(0.0, |r| r[a].misalignment_std_at_urad(j, output.temperature_c[a]));
-                (1e6 * f64::from(output.factors.coupling()[a][j]), stated(std, std > 0.0))
+                (1e6 * f64::from(output.factors.coupling()[a][j]), cross_std(of_rate(a), a, j))
             }
             Quantity::ForceBias(a) => {
-                let std = c.specific_force.as_ref().map_or(0.0, |all| all[a].bias_std_at_mps2(output.temperature_c[a]));
-                let bias = f64::from(output.specific_force.bias_mps2[a]);
-                (UG_OF_MPS2 * bias, UG_OF_MPS2 * stated(std, std > 0.0))
+                let std = stated(of_force(a).map_or(0.0, |f| f.bias_std_at_mps2(output.temperature_c[a])));
+                (UG_OF_MPS2 * f64::from(force.bias_mps2[a]), UG_OF_MPS2 * std)
             }
             Quantity::ForceScale(a) => {
-                let std = of_force(c, a).map_or(0.0, |e| e.scale_std_at_ppm(output.temperature_c[a]));
-                (1e6 * (f64::from(output.specific_force.factors.scale()[a]) - 1.0), stated(std, std > 0.0))
+                let scale = f64::from(force.factors.scale()[a]);
+                (1e6 * (scale - 1.0), scale_std(of_force(a).map(|f| &f.errors), a))
             }
             Quantity::ForceMisalignment(a, j) => {
-                let std = of_force(c, a).map_or(0.0, |e| e.misalignment_std_at_urad(j, output.temperature_c[a]));
-                (1e6 * f64::from(output.specific_force.factors.coupling()[a][j]), stated(std, std > 0.0))
+                (1e6 * f64::from(force.factors.coupling()[a][j]), cross_std(of_force(a).map(|f| &f.errors), a, j))
             }
         })
         .collect()

@@ -7,7 +7,8 @@
 //!
 //! `table_i - raw_i + bias_i = 1e-6 (sum_k c_k x_k (raw_i - bias_i) + sum_j (m0_ij + m1_ij u) S_j (raw_j - bias_j))`, `bias_i = sum_k b_k x_k`
 //!
-//! Each dwell up has the next one down of its axis beside it, whatever lies between: a visit. Up less down of a visit is free of the bias: it gives the scale factor of its axis and the share in each other axis, as plus less minus rates do
+//! Each dwell up has the next one down of its axis beside it, whatever lies between: a visit. Up less down of a visit
+//! is free of the bias: it gives the scale factor of its axis and the share in each other axis, as plus less minus rates do
 //! ([`crate::rates`], whose curves these are). The middle of up and down is free of both: each visit, along whatever axis, gives a value of the bias of
 //! each accelerometer, and a [`Curve`] goes through them. Where both are known better, each is found anew; after a few passes nothing changes.
 //!
@@ -20,6 +21,8 @@ use crate::rates::{
     by_step, coupled, fit_axes, of_values, plus_and_minus, rate_axis, terms_in_use, times_scale, visits, AxisFit,
     Curve, Dwell, Given, Point, Values,
 };
+use hrg_core::accelerometers::STANDARD_GRAVITY_MPS2;
+use hrg_core::bias::Scaling;
 use hrg_core::calibration::Calibration;
 use hrg_core::rate_factors::{scale_regressors, RateAxis, SCALE_TERMS, STATED_AT};
 use hrg_core::specific_force::{Accelerometer, AccelerometerBias, SpecificForce};
@@ -28,11 +31,11 @@ use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
 use hrg_data::numeric::stats::{mean, median};
 use hrg_data::recording::metadata::{CALIBRATION, FORCES};
-use hrg_data::recording::steps::Steps;
+use hrg_data::recording::steps::{Run, Steps};
 use hrg_data::recording::Recording;
 
 /// Millionths of one g in one m/s^2.
-pub const UG_OF_MPS2: f64 = 1e6 / 9.806_65;
+pub const UG_OF_MPS2: f64 = 1e6 / STANDARD_GRAVITY_MPS2;
 
 /// The fit goes on until a pass changes no corrected specific force by so much, m/s^2: far below the noise of a position.
 const SETTLED_MPS2: f64 = 1e-7;
@@ -71,12 +74,12 @@ impl Found {
     /// Bias of an accelerometer on a soak at a temperature, m/s^2, and its standard deviation: noise, and what the curve does not follow.
     #[must_use]
     pub fn bias_at(&self, a: usize, temperature_c: f64) -> (f64, f64) {
-        bias_at(&self.biases[a], &self.calibration, temperature_c)
+        bias_at(&self.biases[a], &self.calibration.scaling, temperature_c)
     }
 }
 
-fn bias_at(curve: &Curve, calibration: &Calibration, temperature_c: f64) -> (f64, f64) {
-    let x = scale_regressors(&calibration.scaling, temperature_c as f32, 0.0);
+fn bias_at(curve: &Curve, scaling: &Scaling, temperature_c: f64) -> (f64, f64) {
+    let x = scale_regressors(scaling, temperature_c as f32, 0.0);
     curve.along(&x.map(f64::from), (temperature_c, 0.0))
 }
 
@@ -104,52 +107,87 @@ fn lacking(r: &Recording) -> BadInput {
     ))
 }
 
-/// The dwells of a run: raw values less the biases of `calibration`, and corrected by it. `recorded_by`: the image that the unit had.
+/// A run in positions, read: the same under every calibration that a fit tries.
+struct Positions {
+    unit: String,
+    run: Run,
+    table: [Vec<f64>; AXES],
+    /// Specific forces as the accelerometers gave them, m/s^2, second by second.
+    raw: Vec<[f64; AXES]>,
+}
+
+impl Positions {
+    /// `recorded_by`: the image that the unit had.
+    fn read(r: &Recording, recorded_by: &Calibration) -> Result<Self, BadInput> {
+        let [forces, table] = r.forces_mps2().ok_or_else(|| lacking(r))?;
+        let corrected = match r.meta(CALIBRATION) {
+            None | Some(NO_IMAGE) => false,
+            Some(_) if r.meta(FORCES) == Some("raw") => false,
+            Some(sum) if sum == format!("{:08x}", recorded_by.checksum()) => recorded_by.specific_force.is_some(),
+            Some(sum) => {
+                return Err(BadInput::new(format!(
+                    "the unit had the image {sum}, which may have corrected these specific forces, and --calibration is {:08x}: give that image; or, where it has no accelerometers, put the line \"# forces: raw\" into the recording",
+                    recorded_by.checksum()
+                )))
+            }
+        };
+        let steps = Steps::new(r)?;
+        let (mut forces, table) = (by_step(&forces, r, &steps), by_step(&table, r, &steps));
+        without_knocks(&mut forces, &table);
+        let had = corrected.then(|| correct::specific_forces(recorded_by, &steps));
+        let given = |k: usize| [0, 1, 2].map(|a: usize| forces[a][k]);
+        let raw = (0..steps.len()).map(|k| had.as_ref().map_or(given(k), |had| undone(given(k), &had[k]))).collect();
+        Ok(Self { unit: r.unit().into(), run: run_of(steps, recorded_by), table, raw })
+    }
+
+    /// Its dwells: raw values less the biases of a calibration, and corrected by it.
+    fn dwells(&self, calibration: &Calibration, first_visit: usize) -> Result<Vec<Dwell>, BadInput> {
+        let errors = correct::specific_forces(calibration, &self.run.steps);
+        let value = |(raw, by): (&[f64; AXES], &SpecificForce)| Values {
+            unbiased: [0, 1, 2].map(|a: usize| raw[a] - f64::from(by.bias_mps2[a])),
+            corrected: by.factors.corrected_dph(raw.map(|f| f as f32), by.bias_mps2).map(f64::from),
+        };
+        let values: Vec<Values> = self.raw.iter().zip(&errors).map(value).collect();
+        let found = of_values(Given::Forces, &self.table, &values, &self.run, &calibration.scaling, first_visit);
+        let found = found.ok_or_else(|| {
+            BadInput::new(format!(
+                "the recording of {} has no time of 30 s in one position, 20 s of settling apart",
+                self.unit
+            ))
+        })?;
+        Ok(paired(found, first_visit))
+    }
+
+    /// The dwells of several.
+    fn all_dwells(all: &[Self], calibration: &Calibration) -> Result<Vec<Dwell>, BadInput> {
+        let mut out: Vec<Dwell> = Vec::new();
+        for one in all {
+            let next = out.last().map_or(0, |d| d.visit);
+            out.extend(one.dwells(calibration, next)?);
+        }
+        Ok(out)
+    }
+}
+
+/// The temperatures of a run by the curves of a calibration.
+fn run_of(steps: Steps, calibration: &Calibration) -> Run {
+    Run::new(steps, calibration.axes.each_ref().map(|a| a.curve))
+}
+
+/// The dwells of several recordings of one unit, corrected by a calibration. `recorded_by`: the image that the unit had, with the same thermometers.
 ///
 /// # Errors
 /// A recording without specific forces and positions, made under another image, or without any dwell.
-pub fn dwells(
-    r: &Recording,
+pub fn all_dwells(
+    recordings: &[Recording],
     recorded_by: &Calibration,
     calibration: &Calibration,
-    first_visit: usize,
 ) -> Result<Vec<Dwell>, BadInput> {
-    let [forces, table] = r.forces_mps2().ok_or_else(|| lacking(r))?;
-    let corrected = match r.meta(CALIBRATION) {
-        None | Some(NO_IMAGE) => false,
-        Some(_) if r.meta(FORCES) == Some("raw") => false,
-        Some(sum) if sum == format!("{:08x}", recorded_by.checksum()) => recorded_by.specific_force.is_some(),
-        Some(sum) => {
-            return Err(BadInput::new(format!(
-                "the unit had the image {sum}, which may have corrected these specific forces, and --calibration is {:08x}: give that image; or, where it has no accelerometers, put the line \"# forces: raw\" into the recording",
-                recorded_by.checksum()
-            )))
-        }
-    };
-    let steps = Steps::new(r)?;
-    let (mut forces, table) = (by_step(&forces, r, &steps), by_step(&table, r, &steps));
-    without_knocks(&mut forces, &table);
-    let had = corrected.then(|| correct::specific_forces(recorded_by, &steps));
-    let errors = correct::specific_forces(calibration, &steps);
-    let values: Vec<Values> = (0..steps.len())
-        .map(|k| {
-            let given = [0, 1, 2].map(|a: usize| forces[a][k]);
-            let raw = had.as_ref().map_or(given, |had| undone(given, &had[k]));
-            let bias = errors[k].bias_mps2;
-            Values {
-                unbiased: [0, 1, 2].map(|a: usize| raw[a] - f64::from(bias[a])),
-                corrected: errors[k].factors.corrected_dph(raw.map(|f| f as f32), bias).map(f64::from),
-            }
-        })
-        .collect();
-    let found = of_values(Given::Forces, &table, &values, calibration, steps, first_visit)?;
-    let found = found.ok_or_else(|| {
-        BadInput::new(format!(
-            "the recording of {} has no time of 30 s in one position, 20 s of settling apart",
-            r.unit()
-        ))
-    })?;
-    Ok(paired(found, first_visit))
+    Positions::all_dwells(&read(recordings, recorded_by)?, calibration)
+}
+
+fn read(recordings: &[Recording], recorded_by: &Calibration) -> Result<Vec<Positions>, BadInput> {
+    recordings.iter().map(|r| Positions::read(r, recorded_by)).collect()
 }
 
 /// Takes out seconds that are far from the others of their position: knocks.
@@ -193,7 +231,7 @@ fn paired(dwells: Vec<Dwell>, first_visit: usize) -> Vec<Dwell> {
 /// The dwells of specific forces that a unit has sent, one for each second of its recording from the first on (NaN where none came), in its positions.
 ///
 /// # Errors
-/// As [`dwells`].
+/// As [`all_dwells`].
 pub fn dwells_of_unit(
     r: &Recording,
     calibration: &Calibration,
@@ -204,26 +242,10 @@ pub fn dwells_of_unit(
     let steps = Steps::new(r)?;
     let table = by_step(&table, r, &steps);
     let values: Vec<Values> = sent_mps2.iter().map(|f| Values { unbiased: *f, corrected: *f }).collect();
-    let found = of_values(Given::Forces, &table, &values, calibration, steps, first_visit)?;
+    let run = run_of(steps, calibration);
+    let found = of_values(Given::Forces, &table, &values, &run, &calibration.scaling, first_visit);
     let found = found.ok_or_else(|| BadInput::new("the unit has sent no specific force for 30 s in one position"))?;
     Ok(paired(found, first_visit))
-}
-
-/// The dwells of several recordings of one unit, under a calibration.
-///
-/// # Errors
-/// As [`dwells`].
-pub fn all_dwells(
-    recordings: &[Recording],
-    recorded_by: &Calibration,
-    calibration: &Calibration,
-) -> Result<Vec<Dwell>, BadInput> {
-    let mut out: Vec<Dwell> = Vec::new();
-    for r in recordings {
-        let next = out.last().map_or(0, |d| d.visit);
-        out.extend(dwells(r, recorded_by, calibration, next)?);
-    }
-    Ok(out)
 }
 
 /// Identifies the accelerometers. `calibration`: the unit's own, which turns frequencies into temperatures.
@@ -236,10 +258,10 @@ pub fn identify(recordings: &[Recording], calibration: &Calibration) -> Result<F
     for r in recordings {
         notes.extend(hrg_data::recording::facts::fits(calibration, r, false)?);
     }
-    let mut found = Calibration { specific_force: Some([Accelerometer::default(); AXES]), ..calibration.clone() };
-    let dwells_by = |found: &Calibration| all_dwells(recordings, calibration, found);
+    let mut found = calibration.clone();
+    let runs = read(recordings, calibration)?;
     let plain = Calibration { specific_force: None, ..calibration.clone() };
-    let mut dwells = dwells_by(&plain)?;
+    let mut dwells = Positions::all_dwells(&runs, &plain)?;
     (0..AXES).try_for_each(|a| sound(&dwells, a))?;
     let mut last: Option<([AxisFit; AXES], [Curve; AXES])> = None;
     let mut left_out = Vec::new();
@@ -254,13 +276,12 @@ pub fn identify(recordings: &[Recording], calibration: &Calibration) -> Result<F
             Ok::<_, BadInput>(curve)
         });
         let biases = [x?, y?, z?];
-        let scaled = found.clone();
         found.specific_force = Some([0, 1, 2].map(|a: usize| {
-            let errors = rate_axis(&factors[a], &dwells, a, &scaled.scaling);
-            Accelerometer { bias: stated(&biases[a], &errors, &scaled), errors }
+            let errors = rate_axis(&factors[a], &dwells, a, &calibration.scaling);
+            Accelerometer { bias: stated(&biases[a], &errors, &calibration.scaling), errors }
         }));
         last = Some((factors, biases));
-        let before = std::mem::replace(&mut dwells, dwells_by(&found)?);
+        let before = std::mem::replace(&mut dwells, Positions::all_dwells(&runs, &found)?);
         let change = |(d, b): (&Dwell, &Dwell)| {
             d.corrected.iter().zip(b.corrected).map(|(d, b)| (d - b).abs()).fold(0.0, f64::max)
         };
@@ -346,11 +367,11 @@ fn bias(
 }
 
 /// A bias as the image states it, over the range of the other errors.
-fn stated(curve: &Curve, errors: &RateAxis, calibration: &Calibration) -> AccelerometerBias {
+fn stated(curve: &Curve, errors: &RateAxis, scaling: &Scaling) -> AccelerometerBias {
     let (low, high) = (f64::from(errors.rate_valid_from_c), f64::from(errors.rate_valid_to_c));
     let at = |k: usize| low + k as f64 / (STATED_AT - 1) as f64 * (high - low);
     AccelerometerBias {
         bias_mps2: std::array::from_fn(|t| curve.coefficients[t] as f32),
-        bias_std_mps2: std::array::from_fn(|k| bias_at(curve, calibration, at(k)).1 as f32),
+        bias_std_mps2: std::array::from_fn(|k| bias_at(curve, scaling, at(k)).1 as f32),
     }
 }

@@ -14,6 +14,7 @@ mod plant;
 pub mod positions;
 pub mod profile;
 mod resonance;
+mod tilt;
 pub mod turning;
 mod units;
 

@@ -7,15 +7,14 @@
 //! square; the square of the specific force adds to the bias. None of this is a polynomial or a ramp term, which is what a fit has.
 
 use super::noise::normal;
+use super::tilt::Tilt;
+use hrg_core::accelerometers::STANDARD_GRAVITY_MPS2;
 use hrg_core::rate_factors::OTHERS;
 use hrg_core::AXES;
 use hrg_data::recording::metadata::EARTH_RATE_DPH;
 use hrg_data::recording::turns::{END_S, SETTLE_S};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-
-/// One g, m/s^2.
-const STANDARD_GRAVITY_MPS2: f64 = 9.806_65;
 
 /// Each axis up and down in turn, s in each: settling, a minute, and the end.
 const DWELL_S: usize = SETTLE_S + 60 + END_S;
@@ -74,9 +73,7 @@ struct Pendulum {
     width_c: f64,
     /// Of the square of the specific force, s^2/m.
     square: f64,
-    tilt: [f64; 2],
-    tilt_per_c: [f64; 2],
-    tilt_per_c2: [f64; 2],
+    tilt: Tilt,
 }
 
 impl Pendulum {
@@ -91,9 +88,11 @@ impl Pendulum {
             gives_way_c: rng.random_range(0.0..30.0),
             width_c: rng.random_range(50.0..80.0),
             square: ug / STANDARD_GRAVITY_MPS2.powi(2) * rng.random_range(5.0..20.0) * sign(rng),
-            tilt: [0; 2].map(|_| 1e-6 * rng.random_range(300.0..1000.0) * sign(rng)),
-            tilt_per_c: [0; 2].map(|_| 1e-6 * rng.random_range(-1.0..1.0)),
-            tilt_per_c2: [0; 2].map(|_| 1e-9 * rng.random_range(-0.6..0.6)),
+            tilt: Tilt {
+                at_20_c: [0; 2].map(|_| 1e-6 * rng.random_range(300.0..1000.0) * sign(rng)),
+                per_c: [0; 2].map(|_| 1e-6 * rng.random_range(-1.0..1.0)),
+                per_c2: [0; 2].map(|_| 1e-9 * rng.random_range(-0.6..0.6)),
+            },
         }
     }
 
@@ -105,11 +104,6 @@ impl Pendulum {
 
     fn bias(&self, t: f64) -> f64 {
         self.bias_mps2 + self.stress_mps2 * ((t - self.gives_way_c) / self.width_c).atan()
-    }
-
-    fn tilts(&self, t: f64) -> [f64; 2] {
-        let dt = t - 20.0;
-        [0, 1].map(|j: usize| self.tilt[j] + self.tilt_per_c[j] * dt + self.tilt_per_c2[j] * dt * dt)
     }
 }
 
@@ -150,10 +144,7 @@ impl Accelerometers {
             (0..n)
                 .map(|k| {
                     body_c += share * (resonator_c[a][k] - body_c);
-                    let tilts = one.tilts(body_c);
-                    let [j, l] = OTHERS[a].map(|j| table[j][k]);
-                    let length = (1.0 + tilts[0] * tilts[0] + tilts[1] * tilts[1]).sqrt();
-                    let along = (table[a][k] + tilts[0] * j + tilts[1] * l) / length;
+                    let along = one.tilt.along(body_c, table[a][k], OTHERS[a].map(|j| table[j][k]));
                     (1.0 + one.scale) * one.magnet(body_c) * along
                         + one.bias(body_c)
                         + one.square * along * along

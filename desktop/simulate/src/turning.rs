@@ -10,6 +10,7 @@
 //! Each sensitive axis is a unit vector that the mounting tilts; the tilt goes with the temperature linearly and a little with its
 //! square. Plus and minus rates differ a little (asymmetry), and the rate's square adds to the scale factor (nonlinearity).
 
+use super::tilt::Tilt;
 use hrg_core::AXES;
 use hrg_data::error::BadInput;
 use hrg_data::recording::metadata::EARTH_RATE_DPH;
@@ -126,9 +127,7 @@ struct Gyro {
     asymmetry: f64,
     /// At 20 deg/s.
     nonlinearity: f64,
-    tilt: [f64; 2],
-    tilt_per_c: [f64; 2],
-    tilt_per_c2: [f64; 2],
+    tilt: Tilt,
 }
 
 /// Time by which the amplitude's body is behind the resonator, s.
@@ -154,9 +153,11 @@ impl Gyro {
             size: 1.0,
             asymmetry: 1e-6 * rng.random_range(3.0..8.0) * sign(rng),
             nonlinearity: 1e-6 * rng.random_range(2.0..5.0) * sign(rng),
-            tilt: [0; 2].map(|_| TILT * rng.random_range(0.6..1.0) * sign(rng)),
-            tilt_per_c: [0; 2].map(|_| 1e-6 * rng.random_range(-0.5..0.5)),
-            tilt_per_c2: [0; 2].map(|_| 1e-9 * rng.random_range(-0.3..0.3)),
+            tilt: Tilt {
+                at_20_c: [0; 2].map(|_| TILT * rng.random_range(0.6..1.0) * sign(rng)),
+                per_c: [0; 2].map(|_| 1e-6 * rng.random_range(-0.5..0.5)),
+                per_c2: [0; 2].map(|_| 1e-9 * rng.random_range(-0.3..0.3)),
+            },
         };
         let curve: Vec<f64> = (0..=100).map(|k| g.shape(f64::from(k) - 40.0)).collect();
         let span = curve.iter().fold(f64::MIN, |a, b| a.max(*b)) - curve.iter().fold(f64::MAX, |a, b| a.min(*b));
@@ -181,12 +182,6 @@ impl Gyro {
         let half = if along_dph == 0.0 { 0.0 } else { 0.5 * self.asymmetry * along_dph.signum() };
         1.0 + self.constant + self.size * self.shape(body_c) + half + self.nonlinearity * (along_dph / FULL_DPH).powi(2)
     }
-
-    /// Components of its sensitive axis along the two others.
-    fn tilts(&self, t: f64) -> [f64; 2] {
-        let dt = t - 20.0;
-        [0, 1].map(|j: usize| self.tilt[j] + self.tilt_per_c[j] * dt + self.tilt_per_c2[j] * dt * dt)
-    }
 }
 
 impl Gyros {
@@ -208,7 +203,7 @@ impl Gyros {
     #[must_use]
     pub fn misalignment_urad(&self, temperature_c: f64) -> [[f64; 2]; AXES] {
         use hrg_core::rate_factors::OTHERS;
-        let tilts = self.axes.each_ref().map(|g| g.tilts(temperature_c));
+        let tilts = self.axes.each_ref().map(|g| g.tilt.at(temperature_c));
         // Of a tilt j of axis a through the third axis; the inverse of a matrix near one, to the second order.
         let of = |a: usize, to: usize| (0..2).find(|j| OTHERS[a][*j] == to).map_or(0.0, |j| tilts[a][j]);
         [0, 1, 2].map(|a: usize| {
@@ -250,10 +245,8 @@ impl Gyros {
                     let t = resonator_c[a][k];
                     body_c += share * (t - body_c);
                     let gyro = &self.axes[a];
-                    let tilts = gyro.tilts(t);
                     let total = |j: usize| table[j][k] + earth[k][j];
-                    let length = (1.0 + tilts[0] * tilts[0] + tilts[1] * tilts[1]).sqrt();
-                    let along = (total(a) + tilts[0] * total(others[0]) + tilts[1] * total(others[1])) / length;
+                    let along = gyro.tilt.along(t, total(a), others.map(total));
                     gyro.scale(body_c, along) * along
                 })
                 .collect()

@@ -1,5 +1,6 @@
 //! Accelerometers through the ELF: a simulated unit in simulated positions, before and after, on a run that the fit never saw.
 
+use crate::rates::bias_of;
 use anyhow::{Context, Result};
 use hrg_board::replay::{self, Options, Outcome};
 use hrg_core::calibration::Calibration;
@@ -10,11 +11,8 @@ use hrg_data::axes::AXIS_NAMES;
 use hrg_data::image_file;
 use hrg_data::recording::steps::Steps;
 use hrg_data::recording::Recording;
-use hrg_identify::fit::prepare;
 use hrg_identify::forces::{dwells_of_unit, identify, CHAMBER, UG_OF_MPS2};
 use hrg_identify::rates::{bins_of, Bin};
-use hrg_papers::method::Method;
-use hrg_papers::methods;
 use hrg_simulate::{Plan, Profile};
 use std::path::Path;
 
@@ -51,8 +49,7 @@ impl Scene {
     /// # Errors
     /// If a fit fails.
     pub fn new(unit: u64, profile: &str) -> Result<Self> {
-        let train = Plan::of(Profile::parse("cycle")?, unit, 1).simulate().recording;
-        let before = methods::identify(&prepare(&[train])?, Method::Lsq, 1)?.calibration;
+        let before = bias_of(unit)?;
         let after = identify(&[positioned(unit, 2, CHAMBER)?], &before)?.calibration;
         Ok(Self { before, after, unseen: positioned(unit, 3, profile)? })
     }

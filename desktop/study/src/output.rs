@@ -6,6 +6,7 @@ use anyhow::{Context, Result};
 use hrg_board::host::{cycles, set_output};
 use hrg_board::motion::Motion;
 use hrg_board::wires::{WireFaults, Wires};
+use hrg_core::accelerometers::STANDARD_GRAVITY_MPS2;
 use hrg_core::align_mode;
 use hrg_core::filter::Filter;
 use hrg_core::gnss::{GnssTime, WEEK_S};
@@ -13,6 +14,7 @@ use hrg_core::increments::IncrementFrame;
 use hrg_core::link::{Message, RATE_FRAME};
 use hrg_core::output::{Framing, OutputSettings};
 use hrg_core::timebase::Timebase;
+use hrg_identify::forces::UG_OF_MPS2;
 use std::f64::consts::PI;
 use std::fmt::Write as _;
 use virtual_board::{Board, Stop, CPU_HZ};
@@ -229,11 +231,9 @@ pub fn coning(scene: &Scene, hz: f64) -> Result<Left> {
 /// # Errors
 /// If the unit cannot be run.
 pub fn sculling(scene: &Scene, hz: f64) -> Result<Left> {
-    const MPS2: f64 = 9.806_65;
-    const UG: f64 = 1e6 / 9.806_65;
     let w = 2.0 * PI * hz;
     let angle_rad = MOST_RAD_S / w;
-    let board = moving(scene, Motion::Sculling { angle_rad, mps2: MPS2, hz })?;
+    let board = moving(scene, Motion::Sculling { angle_rad, mps2: STANDARD_GRAVITY_MPS2, hz })?;
     let r = &board.world.received;
     let first = r.increments.first().context("no increments came")?;
     let from = board.world.seconds_at(first.tick.wrapping_sub(first.ticks));
@@ -250,16 +250,16 @@ pub fn sculling(scene: &Scene, hz: f64) -> Result<Left> {
         by_frames += turned(plain, [velocity[0], velocity[1], 0.0])[2];
         plain = product(plain, rotation(angle));
     }
-    let z = |t: f64| (angle_rad * (w * t).sin()).sin() * MPS2 * (w * t).sin();
+    let z = |t: f64| (angle_rad * (w * t).sin()).sin() * STANDARD_GRAVITY_MPS2 * (w * t).sin();
     let steps = ((end - from) * 1e5) as usize;
     let step = (end - from) / steps as f64;
     let truth = (0..steps).map(|k| z(from + (k as f64 + 0.5) * step)).sum::<f64>() * step;
     let seconds = end - from;
     Ok(Left {
         hz,
-        truth: truth / seconds * UG,
-        by_increments: (by_increments - truth) / seconds * UG,
-        by_frames: (by_frames - truth) / seconds * UG,
+        truth: truth / seconds * UG_OF_MPS2,
+        by_increments: (by_increments - truth) / seconds * UG_OF_MPS2,
+        by_frames: (by_frames - truth) / seconds * UG_OF_MPS2,
     })
 }
 

@@ -44,14 +44,19 @@ fn turned(unit: u64, seed: u64, profile: &str) -> Result<Recording> {
     Ok(r)
 }
 
+/// The calibration of the biases of a simulated unit.
+pub(crate) fn bias_of(unit: u64) -> Result<Calibration> {
+    let train = Plan::of(Profile::parse("cycle")?, unit, 1).simulate().recording;
+    Ok(methods::identify(&prepare(&[train])?, Method::Lsq, 1)?.calibration)
+}
+
 impl Scene {
     /// Simulates the unit of a seed, calibrates it, and simulates runs of these profiles.
     ///
     /// # Errors
     /// If a fit fails.
     pub fn new(unit: u64, profiles: &[&str]) -> Result<Self> {
-        let train = Plan::of(Profile::parse("cycle")?, unit, 1).simulate().recording;
-        let before = methods::identify(&prepare(&[train])?, Method::Lsq, 1)?.calibration;
+        let before = bias_of(unit)?;
         let after = rates::identify(&[turned(unit, 2, rates::CHAMBER)?], &before)?.calibration;
         let unseen = (3..).zip(profiles).map(|(seed, p)| turned(unit, seed, p)).collect::<Result<_>>()?;
         Ok(Self { before, after, unseen })

@@ -1,7 +1,7 @@
 //! Accelerometers over temperature through the ELF: bit for bit what the desktop computes, and as good.
 
 use hrg_board::replay;
-use hrg_identify::forces::{dwells, UG_OF_MPS2};
+use hrg_identify::forces::{all_dwells, UG_OF_MPS2};
 use hrg_identify::rates::{bins_of, Bin};
 use hrg_study::forces::{fly, left, Scene, SHORT};
 
@@ -20,8 +20,8 @@ fn specific_forces_are_corrected_as_on_the_desktop_bit_for_bit_and_what_is_left_
         let cross = of(&|b| b.cross_urad[0]).max(of(&|b| b.cross_urad[1]));
         [UG_OF_MPS2 * of(&|b| b.middle), of(&|b| b.scale_ppm), cross]
     };
-    let raw = worst(&bins_of(&dwells(&unseen, &before, &before, 0).expect("dwells"), 1));
-    let by_desktop = worst(&bins_of(&dwells(&unseen, &before, &after, 0).expect("dwells"), 1));
+    let by = |c| worst(&bins_of(&all_dwells(std::slice::from_ref(&unseen), &before, c).expect("dwells"), 1));
+    let (raw, by_desktop) = (by(&before), by(&after));
     let by_unit = worst(&left(&o, &unseen, &after, 1).expect("dwells"));
     println!(
         "bias {:.0} -> {:.1} ug, scale factor {:.0} -> {:.1} ppm, misalignment {:.0} -> {:.1} urad",

@@ -19,7 +19,7 @@ pub const KEYS: [&str; 19] = [
     "run",
     "rate_unit",
     "rates",
-    "calibration",
+    CALIBRATION,
     "power_on_s",
     "power_on_unix_s",
     "latitude_deg",

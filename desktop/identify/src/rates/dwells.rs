@@ -2,6 +2,7 @@
 //! ([`crate::forces`]): times at one specific force.
 
 use crate::fit::correct;
+use hrg_core::bias::Scaling;
 use hrg_core::calibration::Calibration;
 use hrg_core::rate_factors::{scale_regressors, SCALE_TERMS};
 use hrg_core::AXES;
@@ -159,7 +160,8 @@ fn of_seconds(
             corrected: seconds[k].corrected_dph.map(f64::from),
         })
         .collect();
-    of_values(Given::Rates, table, &values, calibration, steps, first_visit)?.ok_or_else(|| {
+    let run = Run::new(steps, calibration.axes.each_ref().map(|a| a.curve));
+    of_values(Given::Rates, table, &values, &run, &calibration.scaling, first_visit).ok_or_else(|| {
         BadInput::new(format!(
             "the recording of {unit} has no time of {SHORTEST_S} s at one rate of the table, in whole revolutions, {SETTLE_S} s of settling apart"
         ))
@@ -171,11 +173,10 @@ pub(crate) fn of_values(
     given: Given,
     table: &[Vec<f64>; AXES],
     values: &[Values],
-    calibration: &Calibration,
-    steps: Steps,
+    run: &Run,
+    scaling: &Scaling,
     first_visit: usize,
-) -> Result<Option<Vec<Dwell>>, BadInput> {
-    let run = Run::new(steps, calibration.axes.each_ref().map(|a| a.curve));
+) -> Option<Vec<Dwell>> {
     let at = |k: usize| [0, 1, 2].map(|a: usize| table[a][k]);
     let size = |v: [f64; AXES]| v.iter().map(|v| v * v).sum::<f64>().sqrt();
     let same = |a: [f64; AXES], b: [f64; AXES]| {
@@ -205,16 +206,16 @@ pub(crate) fn of_values(
                 visit += 1;
                 last_axis = about;
             }
-            out.extend(one(&run, calibration, values, to - END_S - used..to - END_S, table, about, visit));
+            out.extend(one(run, scaling, values, to - END_S - used..to - END_S, table, about, visit));
         }
     }
-    Ok(Some(out).filter(|o| !o.is_empty()))
+    Some(out).filter(|o| !o.is_empty())
 }
 
 /// The means of a dwell; `None` where two in three of its seconds have no value or temperature.
 fn one(
     run: &Run,
-    calibration: &Calibration,
+    scaling: &Scaling,
     values: &[Values],
     at: std::ops::Range<usize>,
     table: &[Vec<f64>; AXES],
@@ -254,8 +255,8 @@ fn one(
             d.table[a] += table[a][k];
             d.unbiased[a] += unbiased[a];
             d.corrected[a] += corrected[a];
-            let u = f64::from(calibration.scaling.u(t));
-            let regressors = scale_regressors(&calibration.scaling, t, r).map(f64::from);
+            let u = f64::from(scaling.u(t));
+            let regressors = scale_regressors(scaling, t, r).map(f64::from);
             d.regressors[a].iter_mut().zip(regressors).for_each(|(to, x)| *to += x);
             d.scaled[a].iter_mut().zip(regressors).for_each(|(to, x)| *to += x * unbiased[a]);
             d.by_temperature[a].iter_mut().zip(unbiased).for_each(|(to, f)| *to += u * f);

@@ -2,8 +2,9 @@
 
 use crate::now;
 use anyhow::Result;
+use hrg_core::bias::Scaling;
 use hrg_core::calibration::Calibration;
-use hrg_core::rate_factors::OTHERS;
+use hrg_core::rate_factors::{RateAxis, OTHERS};
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::image_file;
@@ -12,7 +13,7 @@ use hrg_data::recording::turns::SETTLE_S;
 use hrg_data::recording::Recording;
 use hrg_identify::fit::independence::{same_unit, Units};
 use hrg_identify::rates;
-use hrg_identify::rates::{bins, quality, separable, Bin, Found};
+use hrg_identify::rates::{bins, quality, separable, AxisFit, Bin, Found};
 use hrg_simulate::turning::Scheme;
 use std::path::{Path, PathBuf};
 
@@ -21,21 +22,51 @@ pub fn fit(runs: &[PathBuf], calibration: &Path, verify: &[PathBuf], out: &Path)
     let (recordings, unseen) = of_one_unit(runs, verify)?;
     let given = image_file::load(calibration)?;
     let mut found = rates::identify(&recordings, &given)?;
-    found.calibration.created_unix_s = now();
-    found.calibration.sequence = given.sequence.saturating_add(1);
-    image_file::save(out, &found.calibration)?;
+    save(&mut found.calibration, &given, out)?;
     say_found(&found);
-    for n in &found.notes {
-        println!("note: {n}");
-    }
-    if !unseen.is_empty() {
-        println!("\nbefore and after, on {} that the fit did not see:", runs_of(unseen.len()));
-        for (name, c) in [("before", &given), ("after", &found.calibration)] {
-            say_bins(name, &bins(&rates::all_dwells(&unseen, c)?));
-        }
-    }
+    found.notes.iter().for_each(|n| println!("note: {n}"));
+    say_unseen(&unseen, [&given, &found.calibration], &|c| Ok(bins(&rates::all_dwells(&unseen, c)?)), &line)?;
     println!("{}: scale factors and misalignments, image {:08x}", out.display(), found.calibration.checksum());
     Ok(())
+}
+
+/// Writes an image to which something was added, as the next of its unit.
+pub(crate) fn save(image: &mut Calibration, given: &Calibration, out: &Path) -> Result<()> {
+    image.created_unix_s = now();
+    image.sequence = given.sequence.saturating_add(1);
+    image_file::save(out, image)
+}
+
+/// Prints what the images leave of each axis of runs that the fit did not see, if there are any. `line`: of the residuals of an axis.
+pub(crate) fn say_unseen(
+    unseen: &[Recording],
+    [before, after]: [&Calibration; 2],
+    bins: &dyn Fn(&Calibration) -> Result<Vec<Bin>>,
+    line: &dyn Fn(&[&Bin]) -> String,
+) -> Result<()> {
+    if unseen.is_empty() {
+        return Ok(());
+    }
+    let runs = if unseen.len() == 1 { "a run".into() } else { format!("{} runs", unseen.len()) };
+    println!("\nbefore and after, on {runs} that the fit did not see:");
+    for (name, c) in [("before", before), ("after", after)] {
+        let all = bins(c)?;
+        for (a, axis) in AXIS_NAMES.iter().enumerate() {
+            let own: Vec<&Bin> = all.iter().filter(|b| b.axis == a).collect();
+            let left = if own.is_empty() {
+                "too few rounds to judge by: three within 10 C at least".into()
+            } else {
+                line(&own)
+            };
+            println!("  {name:<6} {axis}: {left}");
+        }
+    }
+    Ok(())
+}
+
+/// Largest of the residuals of an axis.
+pub(crate) fn largest(own: &[&Bin], values: &dyn Fn(&Bin) -> f64) -> f64 {
+    own.iter().map(|b| values(b).abs()).fold(0.0, f64::max)
 }
 
 /// The runs of a fit, and those that it does not see, of one unit.
@@ -49,21 +80,8 @@ pub(crate) fn of_one_unit(runs: &[PathBuf], verify: &[PathBuf]) -> Result<(Vec<R
     Ok((seen, unseen))
 }
 
-/// A line in the place of what is left of an axis.
-pub(crate) fn too_short(name: &str, a: usize) -> String {
-    format!("  {name:<6} {}: too few rounds to judge by: three within 10 C at least", AXIS_NAMES[a])
-}
-
-pub(crate) fn runs_of(n: usize) -> String {
-    if n == 1 {
-        "a run".into()
-    } else {
-        format!("{n} runs")
-    }
-}
-
 /// A value with its standard deviation.
-pub(crate) fn with_std((value, std): (f64, f64)) -> String {
+fn with_std((value, std): (f64, f64)) -> String {
     format!("{value:+.2} \u{b1} {std:.2}")
 }
 
@@ -86,12 +104,31 @@ fn say_found(found: &Found) {
         );
     }
     println!("noise of a mean of 100 s; asymmetry and nonlinearity are reported, and not compensated");
+    println!();
+    say_corrections(scaling, &found.axes, &|a| found.calibration.rates.as_ref().map(|r| &r[a]), None);
+}
+
+/// Bias of an axis at a temperature, with its standard deviation.
+type BiasAt<'a> = &'a dyn Fn(usize, f64) -> (f64, f64);
+
+/// Prints corrections over temperature, over the ranges that the image states; with those of a bias in the unit of its heading.
+pub(crate) fn say_corrections<'a>(
+    scaling: &Scaling,
+    axes: &[AxisFit],
+    stated: &dyn Fn(usize) -> Option<&'a RateAxis>,
+    bias: Option<(&str, BiasAt<'_>)>,
+) {
     println!(
-        "\ncorrection over temperature on a soak, with standard deviations (noise, and what the curve does not follow)"
+        "correction over temperature on a soak, with standard deviations (noise, and what the curve does not follow)"
     );
-    println!("{:<5} {:>6} {:>20} {:>24} {:>24}", "axis", "T [C]", "scale factor [ppm]", "misalignment [urad]", "");
-    for (a, fit) in found.axes.iter().enumerate() {
-        let Some(axis) = found.calibration.rates.as_ref().map(|r| &r[a]) else { continue };
+    let column = |text: Option<&str>| text.map_or_else(String::new, |text| format!("{text:>20} "));
+    let heading = column(bias.map(|b| b.0));
+    println!(
+        "{:<5} {:>6} {heading}{:>20} {:>24} {:>24}",
+        "axis", "T [C]", "scale factor [ppm]", "misalignment [urad]", ""
+    );
+    for (a, fit) in axes.iter().enumerate() {
+        let Some(axis) = stated(a) else { continue };
         let (from, to) = (f64::from(axis.rate_valid_from_c), f64::from(axis.rate_valid_to_c));
         for k in 0..=4 {
             let t = from + 0.25 * f64::from(k) * (to - from);
@@ -99,8 +136,9 @@ fn say_found(found: &Found) {
                 let other = AXIS_NAMES[OTHERS[a][j]];
                 format!("{}{other} {}", AXIS_NAMES[a], with_std(fit.misalignment_at(scaling, j, t)))
             });
+            let bias = column(bias.map(|b| with_std(b.1(a, t))).as_deref());
             println!(
-                "{:<5} {t:>6.1} {:>20} {:>24} {:>24}",
+                "{:<5} {t:>6.1} {bias}{:>20} {:>24} {:>24}",
                 AXIS_NAMES[a],
                 with_std(fit.scale_at(scaling, t, 0.0)),
                 cross[0],
@@ -110,25 +148,16 @@ fn say_found(found: &Found) {
     }
 }
 
-/// Prints the residuals by axis: the largest over temperature and the root mean square.
-fn say_bins(name: &str, all: &[Bin]) {
-    for a in 0..AXES {
-        let own: Vec<&Bin> = all.iter().filter(|b| b.axis == a).collect();
-        if own.is_empty() {
-            println!("{}", too_short(name, a));
-            continue;
-        }
-        let largest = |values: &dyn Fn(&Bin) -> f64| own.iter().map(|b| values(b).abs()).fold(0.0, f64::max);
-        let mean = own.iter().map(|b| b.scale_ppm).sum::<f64>() / own.len().max(1) as f64;
-        let change = largest(&|b| b.scale_ppm - mean);
-        println!(
-            "  {name:<6} {}: scale factor {mean:+8.2} ppm, at most {change:6.2} from that over {} temperatures; misalignments at most {:6.2} and {:6.2} urad",
-            AXIS_NAMES[a],
-            own.len(),
-            largest(&|b| b.cross_urad[0]),
-            largest(&|b| b.cross_urad[1])
-        );
-    }
+/// Residuals of an axis: the mean of its scale factor over temperature, and the largest.
+fn line(own: &[&Bin]) -> String {
+    let mean = own.iter().map(|b| b.scale_ppm).sum::<f64>() / own.len() as f64;
+    format!(
+        "scale factor {mean:+8.2} ppm, at most {:6.2} from that over {} temperatures; misalignments at most {:6.2} and {:6.2} urad",
+        largest(own, &|b| b.scale_ppm - mean),
+        own.len(),
+        largest(own, &|b| b.cross_urad[0]),
+        largest(own, &|b| b.cross_urad[1])
+    )
 }
 
 /// `hrg profile --rates`: the scheme in words, or what recordings told.
