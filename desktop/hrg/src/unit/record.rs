@@ -204,8 +204,10 @@ pub struct Recorder {
     /// Inputs of the step that is coming, and those that have a column.
     used: InputsUsed,
     inputs: QuantitySet,
-    /// There is a column for the mean specific force: the unit sends increments.
+    /// The unit sends increments: the next file has columns for their mean specific force.
     pub with_force: bool,
+    /// The file has them.
+    force_columns: bool,
     /// Increments since the last second.
     increments: Force,
     last: Option<Second>,
@@ -260,6 +262,7 @@ impl Recorder {
             inputs: QuantitySet::empty(),
             increments: Force::default(),
             with_force: false,
+            force_columns: false,
             last: None,
             wrapped_ms: 0,
             power_ons: 0,
@@ -331,8 +334,8 @@ impl Recorder {
         self.inputs = second.inputs_there().difference(beside);
         let names = names_of(self.inputs);
         let mut head = self.head.text(second);
-        self.with_force |= self.increments.ticks > 0;
-        if self.with_force && self.head.raw_forces {
+        self.force_columns = self.with_force || self.increments.ticks > 0;
+        if self.force_columns && self.head.raw_forces {
             let _ = writeln!(head, "# {FORCES}: raw");
         }
         // (The log does not tell of inputs.)
@@ -345,7 +348,7 @@ impl Recorder {
         if self.sensors.is_some() {
             sensors::COLUMNS.iter().flat_map(|c| c.names).for_each(|name| head.extend([",", name]));
         }
-        if self.with_force {
+        if self.force_columns {
             columns::FORCE.names.iter().for_each(|name| head.extend([",", name]));
         }
         head.push('\n');
@@ -434,7 +437,7 @@ impl Recorder {
             let _ = if v.is_finite() { write!(row, ",{v}") } else { write!(row, ",") };
         }
         let force = std::mem::take(&mut self.increments);
-        for v in force.mean_mps2().iter().filter(|_| self.with_force) {
+        for v in force.mean_mps2().iter().filter(|_| self.force_columns) {
             let _ = if v.is_finite() { write!(row, ",{v:.7}") } else { write!(row, ",") };
         }
         row.push('\n');
@@ -489,6 +492,8 @@ mod tests {
         for k in 1..200u32 {
             // (A second without any is a gap in the column.)
             (0..10).filter(|_| k != 8).for_each(|_| r.take_increments(&tenth));
+            // (The unit has been told to send none, as its identity says: the file keeps its columns.)
+            r.with_force = k < 150;
             r.push(&second(k * 1000)).expect("written");
         }
         let text = std::fs::read_to_string(&path).expect("there");
