@@ -217,6 +217,8 @@ pub struct Case {
     pub trains: Vec<RunSpec>,
     /// The verify run.
     pub verify: RunSpec,
+    /// Runs behind the one that judges, which no effect is sized by.
+    pub more: Vec<RunSpec>,
     /// Kind of noise.
     pub noise: Noise,
     /// Noise floors are drawn from this range, deg/h.
@@ -239,7 +241,10 @@ pub const FULL: Span = Span { low_c: -42.0, high_c: 55.0, start_c: 22.0 };
 /// A run of the given program, with full span.
 #[must_use]
 pub fn run(program: Program, hours: f64) -> RunSpec {
-    RunSpec { plan: Plan { program, span: FULL, hours, log_from_s: 0.0, branch: 1.0, kept_c: 0.0 }, defects: None }
+    RunSpec {
+        plan: Plan { program, span: FULL, hours, log_from_s: 0.0, branch: 1.0, kept_c: 0.0, legs: &[] },
+        defects: None,
+    }
 }
 
 impl Case {
@@ -258,6 +263,7 @@ impl Case {
             effects: Vec::new(),
             trains: vec![run(programs[train], 7.0)],
             verify: run(programs[other], 10.0),
+            more: Vec::new(),
             noise: Noise::Usual,
             floors_dph: (0.1, 0.5),
             raw_three_sigma_dph: (5.2, 9.8),
@@ -372,9 +378,9 @@ impl Case {
         RunSpec { plan: Plan { program: others[chosen], hours: 8.0, ..self.verify.plan }, defects: None }
     }
 
-    /// Runs in the order of generation: train runs, the verify run, the run that judges.
+    /// Runs in the order of generation: train runs, the verify run, the run that judges, and those that nothing is sized by.
     pub fn runs(&self) -> impl Iterator<Item = RunSpec> + '_ {
-        self.trains.iter().copied().chain([self.verify, self.judge()])
+        self.trains.iter().copied().chain([self.verify, self.judge()]).chain(self.more.iter().copied())
     }
 
     /// Classes of a right answer: of the first effect first; `none` for a case without effects.

@@ -3,6 +3,7 @@
 //! The controller is a PI with feed-forward. The heater answers late (dead time and lag), so set points are overshot; a compressor stage
 //! switches on and off near a cold set point, by thresholds and by a timer, so the air ripples there.
 
+use crate::draw::Properties;
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use std::collections::VecDeque;
@@ -36,10 +37,13 @@ pub enum Program {
 
 /// One leg of a program.
 #[derive(Clone, Copy, Debug)]
-struct Leg {
-    to_c: f64,
-    c_per_min: f64,
-    hold_min: f64,
+pub struct Leg {
+    /// Temperature at its end, C.
+    pub to_c: f64,
+    /// Ramp to it, C/min.
+    pub c_per_min: f64,
+    /// Soak there, min.
+    pub hold_min: f64,
 }
 
 /// Temperatures a program stays within.
@@ -79,24 +83,30 @@ impl Program {
     /// The set point at each step of `dt_s` over `seconds`, C.
     #[must_use]
     pub fn set_points(self, rng: &mut ChaCha8Rng, span: Span, dt_s: f64, seconds: f64) -> Vec<f64> {
-        let n = (seconds / dt_s).round() as usize;
-        let mut out = Vec::with_capacity(n);
-        let mut at = span.start_c;
         // The operator starts the program some minutes after power-on.
-        let wait = (rng.random_range(3.0..15.0) * 60.0 / dt_s) as usize;
-        out.resize(wait, at);
-        for leg in self.legs(rng, span) {
-            let steps = ((leg.to_c - at).abs() / leg.c_per_min * 60.0 / dt_s).ceil().max(1.0) as usize;
-            out.extend((1..=steps).map(|k| at + (leg.to_c - at) * k as f64 / steps as f64));
-            at = leg.to_c;
-            out.resize(out.len() + (leg.hold_min * 60.0 / dt_s) as usize, at);
-            if out.len() >= n {
-                break;
-            }
-        }
-        out.resize(n, at);
-        out
+        let wait_s = rng.random_range(3.0..15.0) * 60.0;
+        set_points(&self.legs(rng, span), wait_s, span.start_c, dt_s, seconds)
     }
+}
+
+/// The set point at each step of `dt_s` over `seconds`, C: at `start_c` for `wait_s`, then through the legs, and at the end of the last.
+#[must_use]
+pub fn set_points(legs: &[Leg], wait_s: f64, start_c: f64, dt_s: f64, seconds: f64) -> Vec<f64> {
+    let n = (seconds / dt_s).round() as usize;
+    let mut out = Vec::with_capacity(n);
+    let mut at = start_c;
+    out.resize((wait_s / dt_s) as usize, at);
+    for leg in legs {
+        let steps = ((leg.to_c - at).abs() / leg.c_per_min * 60.0 / dt_s).ceil().max(1.0) as usize;
+        out.extend((1..=steps).map(|k| at + (leg.to_c - at) * k as f64 / steps as f64));
+        at = leg.to_c;
+        out.resize(out.len() + (leg.hold_min * 60.0 / dt_s) as usize, at);
+        if out.len() >= n {
+            break;
+        }
+    }
+    out.resize(n, at);
+    out
 }
 
 /// Soak at an end, min: long enough for the resonators to come near it.
@@ -242,7 +252,7 @@ pub struct Chamber {
 impl Chamber {
     /// A chamber like those of laboratories.
     #[must_use]
-    pub fn draw(rng: &mut ChaCha8Rng) -> Self {
+    pub fn draw(rng: &mut Properties) -> Self {
         Self {
             dead_time_s: rng.random_range(20.0..45.0),
             heater_lag_s: rng.random_range(15.0..30.0),

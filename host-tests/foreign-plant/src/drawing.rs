@@ -2,20 +2,19 @@
 
 use crate::case::Case;
 use crate::chamber::Chamber;
-use crate::draw::stream;
+use crate::draw::{Properties, Seed};
 use crate::electrics::Electrics;
 use crate::noise::Mixture;
 use crate::plan::Followed;
 use crate::sensors::{Curve, Sensor};
 use crate::thermal::Network;
 use crate::unit::Unit;
-use rand::Rng;
 
 impl Unit {
     /// The unit of `case` under `seed`.
     #[must_use]
-    pub fn draw(case: &Case, seed: u64) -> Self {
-        let mut rng = stream(seed, &[&case.name, "unit"]);
+    pub fn draw(case: &Case, seed: impl Into<Seed>) -> Self {
+        let mut rng = Properties::new(seed.into(), &[&case.name, "unit"]);
         let rng = &mut rng;
         let chamber = Chamber::draw(rng);
         let network = Network::draw(rng);
@@ -46,14 +45,14 @@ impl Unit {
         let (low, high) = case.floors_dph;
         let (from, to) = case.raw_three_sigma_dph;
         Self {
-            serial: rng.random_range(1000..9999),
+            serial: rng.serial(1000..9999),
             chamber,
             network,
             electrics,
             curves,
             sensors,
             frequency_noise_hz: [0, 1, 2].map(|_| rng.random_range(5e-5..3e-4)),
-            floors_dph: [0, 1, 2].map(|_| low * (high / low).powf(rng.random::<f64>())),
+            floors_dph: [0, 1, 2].map(|_| low * (high / low).powf(rng.share())),
             mixtures: [0, 1, 2].map(|_| Mixture::draw(rng, &case.noise)),
             k0_dph: [0, 1, 2].map(|_| rng.random_range(-10.0..10.0)),
             shape,

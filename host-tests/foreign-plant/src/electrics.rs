@@ -1,7 +1,6 @@
 //! Electrical quantities of a unit: drive and quadrature.
 
-use rand::Rng;
-use rand_chacha::ChaCha8Rng;
+use crate::draw::Properties;
 
 /// Electrical numbers of one unit.
 #[derive(Clone, Copy, Debug)]
@@ -15,7 +14,7 @@ pub struct Electrics {
 impl Electrics {
     /// A unit.
     #[must_use]
-    pub fn draw(rng: &mut ChaCha8Rng) -> Self {
+    pub fn draw(rng: &mut Properties) -> Self {
         let mut three = |from: f64, to: f64| [0, 1, 2].map(|_| rng.random_range(from..to));
         Self {
             drive_v: three(1.1, 1.4),

@@ -3,6 +3,7 @@
 use crate::acting::Acting;
 use crate::case::Case;
 use crate::defects;
+use crate::draw::Seed;
 use crate::making::Making;
 use crate::output;
 use crate::recording::Recording;
@@ -18,6 +19,8 @@ pub struct Generated {
     pub verify: Recording,
     /// The run that judges.
     pub judge: Recording,
+    /// Runs that nothing is sized by.
+    pub more: Vec<Recording>,
     /// The truth: all that was put in.
     pub truth: Truth,
 }
@@ -25,7 +28,8 @@ pub struct Generated {
 impl Case {
     /// Recordings and truth of this case. The same seed gives the same bytes.
     #[must_use]
-    pub fn generate(&self, seed: u64) -> Generated {
+    pub fn generate(&self, seed: impl Into<Seed>) -> Generated {
+        let seed = seed.into();
         let mut making = Making::start(self, seed);
         let effects: Vec<Acting> = (0..self.effects.len()).map(|e| making.act(e)).collect();
         making.indicate(&effects);
@@ -36,12 +40,13 @@ impl Case {
             .zip(&mut train)
             .enumerate()
             .map(|(k, (spec, recording))| {
-                spec.defects.map_or_else(BTreeMap::new, |d| defects::put_in(recording, d, seed, &making.file(k)))
+                spec.defects.map_or_else(BTreeMap::new, |d| defects::put_in(recording, d, seed.unit, &making.file(k)))
             })
             .collect();
         let truth = making.truth(&effects, found);
+        let more = train.split_off(making.verify() + 2);
         let judge = train.remove(making.verify() + 1);
         let verify = train.remove(making.verify());
-        Generated { train, verify, judge, truth }
+        Generated { train, verify, judge, more, truth }
     }
 }

@@ -6,6 +6,7 @@ use crate::fit;
 use crate::making::{kept, stack, Making};
 use crate::means::{deviation, rms};
 use crate::truth::{AxisFigures, Class, EffectTruth, RunTruth, Truth};
+use std::cmp::Ordering;
 use std::collections::BTreeMap;
 
 /// Residuals on one axis of one run, deg/h.
@@ -26,12 +27,17 @@ impl Making<'_> {
             .zip(defects)
             .enumerate()
             .map(|(k, (spec, defects))| RunTruth {
-                role: ["train", "verify", "judge"][1 + usize::from(k > self.verify()) - usize::from(k < self.verify())]
-                    .into(),
+                role: match k.cmp(&self.verify()) {
+                    Ordering::Less => "train",
+                    Ordering::Equal => "verify",
+                    Ordering::Greater if k == self.verify() + 1 => "judge",
+                    Ordering::Greater => "more",
+                }
+                .into(),
                 file: self.file(k),
                 program: format!("{:?}", spec.plan.program),
                 axes: axes().map(|a| (AXES[a].into(), self.figures(k, a, left[&a][k]))).collect(),
-                bias_dph: if k > self.verify() {
+                bias_dph: if k == self.verify() + 1 {
                     axes().map(|a| (AXES[a].into(), self.means(k, &self.bias[a]))).collect()
                 } else {
                     BTreeMap::new()
@@ -47,7 +53,7 @@ impl Making<'_> {
         Truth {
             version: 1,
             case: case.name.clone(),
-            seed: self.seed,
+            seed: self.seed.unit,
             description: case.description.clone(),
             group: case.group.into(),
             classes: case.classes(),

@@ -14,7 +14,7 @@
 //! `B = 1/2 D sin 2(angle - axis)`, `D` the anisotropy of the loss, a share of the whole that changes a little with temperature; and the
 //! quadrature force times the sine of the demodulator's phase error, which follows the board.
 
-use crate::draw::stream;
+use crate::draw::{stream, Properties, Seed};
 use crate::operators::lag;
 use crate::world::World;
 use rand::Rng;
@@ -22,10 +22,10 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 /// Makes the losses, the stiffness and the voltages of a run.
-pub(crate) fn resonate(world: &mut World, seed: u64, case: &str, run: usize) {
+pub(crate) fn resonate(world: &mut World, seed: Seed, case: &str, run: usize) {
     for a in 0..3 {
         let axis = a.to_string();
-        let mut unit = stream(seed, &[case, "losses", &axis]);
+        let mut unit = Properties::new(seed, &[case, "losses", &axis]);
         let mut day = stream(seed, &[case, "losses", &axis, &run.to_string()]);
         let loss = loss(world, a, &mut unit, &mut day);
         let force = mismatch(world, a, &mut unit, &mut day);
@@ -53,7 +53,7 @@ fn normal(rng: &mut ChaCha8Rng) -> f64 {
 }
 
 /// The loss over that at 25 C in a good vacuum.
-fn loss(w: &World, a: usize, unit: &mut ChaCha8Rng, day: &mut ChaCha8Rng) -> Vec<f64> {
+fn loss(w: &World, a: usize, unit: &mut Properties, day: &mut ChaCha8Rng) -> Vec<f64> {
     let (linear, square) = (unit.random_range(8e-4..2e-3), unit.random_range(4e-6..1.2e-5));
     let (gas, scale_c, tau_s) =
         (unit.random_range(0.02..0.06), unit.random_range(22.0..35.0), unit.random_range(4000.0..12_000.0));
@@ -74,7 +74,7 @@ fn loss(w: &World, a: usize, unit: &mut ChaCha8Rng, day: &mut ChaCha8Rng) -> Vec
 }
 
 /// The force that nulls the quadrature, V.
-fn mismatch(w: &World, a: usize, unit: &mut ChaCha8Rng, day: &mut ChaCha8Rng) -> Vec<f64> {
+fn mismatch(w: &World, a: usize, unit: &mut Properties, day: &mut ChaCha8Rng) -> Vec<f64> {
     let (split_v, per_c, creep_per_c) =
         (unit.random_range(0.15..0.3), unit.random_range(-1.5e-3..1.5e-3), unit.random_range(1e-3..3e-3));
     let (creep_s, angle, turn_per_c) =

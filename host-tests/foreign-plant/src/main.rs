@@ -2,8 +2,10 @@
 
 use anyhow::{bail, Context, Result};
 use clap::{Parser, Subcommand};
-use foreign_plant::case::{Case, AXES};
+use foreign_plant::case::{run, Case, RunSpec, AXES};
+use foreign_plant::chamber::{Leg, Program};
 use foreign_plant::clean::{clean_case, control_noise};
+use foreign_plant::draw::{Design, Seed};
 use foreign_plant::generate::Generated;
 use foreign_plant::series::{Selection, Series};
 use foreign_plant::truth::Truth;
@@ -25,7 +27,8 @@ enum Command {
     /// List the cases: name, group, classes of a right answer, whether a unit can compensate it, description.
     List,
     /// Write one case: NAME-SEED-train.csv (or -train-1.csv ...), NAME-SEED-verify.csv, NAME-SEED-judge.csv, NAME-SEED-truth.json.
-    #[command(after_help = "Example: foreign-plant make --case memory-rod --seed 1 --out /tmp/rod")]
+    #[command(after_help = "Examples: foreign-plant make --case memory-rod --seed 1 --out /tmp/rod
+          foreign-plant make --case memory-rod --design 1 --seed 1 --units 30 --out /tmp/fleet --more 22,-42@2,20m,55@2,20m")]
     Make {
         /// Name of the case, of those that `list` shows.
         #[arg(long)]
@@ -33,6 +36,18 @@ enum Command {
         /// Seed of the unit and of its runs.
         #[arg(long, default_value_t = 1)]
         seed: u64,
+        /// Units, with seeds from there on.
+        #[arg(long, default_value_t = 1)]
+        units: u64,
+        /// Seed of a design that all of them are of; each unit has properties of its own else.
+        #[arg(long)]
+        design: Option<u64>,
+        /// Properties of a unit lie within this share of the range over which designs differ.
+        #[arg(long, default_value_t = 0.3)]
+        spread: f64,
+        /// A further run by a profile, such as 22,-42@2,20m,55@2: start (C), then ramps (C at C/min) and soaks; no size depends on it.
+        #[arg(long, allow_hyphen_values = true)]
+        more: Vec<String>,
         /// Folder to write into; made where it is missing.
         #[arg(long)]
         out: PathBuf,
@@ -122,12 +137,16 @@ impl Command {
     fn run(self) -> Result<()> {
         match self {
             Self::List => list(),
-            Self::Make { case, seed, out } => {
+            Self::Make { case, seed, units, design, spread, more, out } => {
                 let all = foreign_plant::cases();
                 let Some(case) = all.into_iter().find(|c| c.name == case) else {
                     bail!("there is no case `{case}`; `foreign-plant list` shows all");
                 };
-                write_all(&[(case, seed)], &out)?;
+                let more = more.iter().map(|text| by_profile(text)).collect::<Result<_>>()?;
+                let case = Case { more, ..case };
+                let design = design.map(|seed| Design { seed, spread });
+                let jobs: Vec<_> = (seed..seed + units).map(|unit| (case.clone(), Seed { unit, design })).collect();
+                write_all(&jobs, &out)?;
             }
             Self::All { seeds, out } => write_all(&jobs(seeds, ""), &out)?,
             Self::Reach { seeds, only } => reach(&jobs(seeds, &only)),
@@ -156,9 +175,9 @@ impl Command {
                     .iter()
                     .map(|path| Series::read(path, &selection).map(Arc::new))
                     .collect::<Result<Vec<_>>>()?;
-                let jobs: Vec<(Case, u64)> = (0..count)
+                let jobs: Vec<(Case, Seed)> = (0..count)
                     .map(|k| first + k)
-                    .map(|k| (clean_case(k as u64, &control_noise(k, &series)), k as u64))
+                    .map(|k| (clean_case(k as u64, &control_noise(k, &series)), Seed::from(k as u64)))
                     .collect();
                 write_all(&jobs, &out)?;
             }
@@ -167,10 +186,47 @@ impl Command {
     }
 }
 
-fn jobs(seeds: u64, only: &str) -> Vec<(Case, u64)> {
+/// A run by a profile that is written out.
+fn by_profile(text: &str) -> Result<RunSpec> {
+    let mut parts = text.split(',').map(str::trim);
+    let number = |t: &str| {
+        t.parse::<f64>().ok().filter(|v| v.is_finite()).with_context(|| format!("--more: `{t}` is no number"))
+    };
+    let start_c = number(parts.next().unwrap_or_default())?;
+    let mut legs: Vec<Leg> = vec![Leg { to_c: start_c, c_per_min: 1.0, hold_min: 0.0 }];
+    let (mut at, mut minutes) = (start_c, 0.0);
+    for part in parts {
+        if let Some((to, ramp)) = part.split_once('@') {
+            let (to_c, c_per_min) = (number(to)?, number(ramp)?);
+            if c_per_min <= 0.0 {
+                bail!("--more: the ramp of `{part}` must be above 0");
+            }
+            minutes += (to_c - at).abs() / c_per_min;
+            at = to_c;
+            legs.push(Leg { to_c, c_per_min, hold_min: 0.0 });
+        } else {
+            let in_min = [("h", 60.0), ("m", 1.0), ("s", 1.0 / 60.0)]
+                .iter()
+                .find_map(|(unit, f)| Some((part.strip_suffix(unit)?, f)));
+            let (value, factor) =
+                in_min.with_context(|| format!("--more: `{part}` is neither a ramp like -42@2 nor a soak like 20m"))?;
+            let hold_min = number(value)? * factor;
+            minutes += hold_min;
+            if let Some(last) = legs.last_mut() {
+                last.hold_min += hold_min;
+            }
+        }
+    }
+    let mut spec = run(Program::Cycles, minutes / 60.0);
+    spec.plan.span.start_c = start_c;
+    spec.plan.legs = Box::leak(legs.into_boxed_slice());
+    Ok(spec)
+}
+
+fn jobs(seeds: u64, only: &str) -> Vec<(Case, Seed)> {
     let cases = foreign_plant::cases();
     let chosen = cases.iter().filter(|case| case.name.contains(only));
-    chosen.flat_map(|case| (1..=seeds).map(|seed| (case.clone(), seed))).collect()
+    chosen.flat_map(|case| (1..=seeds).map(|seed| (case.clone(), Seed::from(seed)))).collect()
 }
 
 fn list() {
@@ -188,7 +244,7 @@ fn list() {
 }
 
 /// Runs `work` on every job, on all processors; results in the order of the jobs.
-fn parallel<T: Send>(jobs: &[(Case, u64)], work: impl Fn(&Case, u64) -> T + Sync) -> Vec<T> {
+fn parallel<T: Send>(jobs: &[(Case, Seed)], work: impl Fn(&Case, Seed) -> T + Sync) -> Vec<T> {
     let next = AtomicUsize::new(0);
     let results = Mutex::new(Vec::new());
     let workers = std::thread::available_parallelism().map_or(1, std::num::NonZero::get).min(jobs.len().max(1));
@@ -209,7 +265,7 @@ fn parallel<T: Send>(jobs: &[(Case, u64)], work: impl Fn(&Case, u64) -> T + Sync
     results.into_iter().map(|(_, result)| result).collect()
 }
 
-fn write_all(jobs: &[(Case, u64)], out: &Path) -> Result<()> {
+fn write_all(jobs: &[(Case, Seed)], out: &Path) -> Result<()> {
     std::fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
     let written = parallel(jobs, |case, seed| write(&case.generate(seed), out));
     written.into_iter().collect::<Result<Vec<()>>>()?;
@@ -219,7 +275,7 @@ fn write_all(jobs: &[(Case, u64)], out: &Path) -> Result<()> {
 
 fn write(made: &Generated, out: &Path) -> Result<()> {
     let files = made.truth.runs.iter().map(|run| out.join(&run.file));
-    let recordings = made.train.iter().chain([&made.verify, &made.judge]);
+    let recordings = made.train.iter().chain([&made.verify, &made.judge]).chain(&made.more);
     for (path, recording) in files.zip(recordings) {
         recording.save(&path).with_context(|| format!("cannot write {}", path.display()))?;
     }
@@ -227,7 +283,7 @@ fn write(made: &Generated, out: &Path) -> Result<()> {
     std::fs::write(&path, made.truth.to_json()?).with_context(|| format!("cannot write {}", path.display()))
 }
 
-fn reach(jobs: &[(Case, u64)]) {
+fn reach(jobs: &[(Case, Seed)]) {
     println!(
         "{:<42} {:>4} {:>4} {:>4}  {:<22} {:>17}  {:>17}  {:>17}",
         "case", "seed", "comp", "axis", "sizes (floors)", "raw (dph)", "eq7 (floors)", "oracle (floors)"

@@ -2,7 +2,7 @@
 
 use crate::acting::{Acting, Three};
 use crate::case::{Acts, Case, AXES};
-use crate::draw::stream;
+use crate::draw::{stream, Seed};
 use crate::fit;
 use crate::losses::resonate;
 use crate::means::{deviation, means, peaks, rms};
@@ -17,10 +17,10 @@ use rand_distr::{Distribution, StandardNormal};
 /// A ramp that is wrong by more than this is a jump of the thermometer, C/min: such 100 s means are left out of the figures.
 const JUMP_C_PER_MIN: f64 = 3.0;
 
-/// All that is known of a case under way. Runs are numbered: train runs first, then the verify run, last the run that judges.
+/// All that is known of a case under way. Runs are numbered: train runs first, then the verify run, the run that judges, and those that nothing is sized by.
 pub(crate) struct Making<'a> {
     pub(crate) case: &'a Case,
-    pub(crate) seed: u64,
+    pub(crate) seed: Seed,
     pub(crate) unit: Unit,
     pub(crate) worlds: Vec<World>,
     /// The bias of equation 7 without k0 and without the days' changes, deg/h.
@@ -45,7 +45,7 @@ pub(crate) struct Making<'a> {
 
 impl<'a> Making<'a> {
     /// Draws the unit, runs the chamber, makes the noise and the bias of equation 7.
-    pub(crate) fn start(case: &'a Case, seed: u64) -> Self {
+    pub(crate) fn start(case: &'a Case, seed: Seed) -> Self {
         let unit = Unit::draw(case, seed);
         let worlds = worlds(case, seed, &unit);
         let rates = noises(case, seed, &unit, &worlds);
@@ -64,7 +64,7 @@ impl<'a> Making<'a> {
             slopes: [0.0; 3],
             floors,
             indicated: worlds.iter().map(|w| w.t_c.clone()).collect(),
-            bias: rates[rates.len() - 1].clone(),
+            bias: rates[case.trains.len() + 1].clone(),
             worlds,
             rates,
         };
@@ -212,8 +212,10 @@ impl<'a> Making<'a> {
 
     /// Name of the file of run `k`.
     pub(crate) fn file(&self, k: usize) -> String {
-        let stem = format!("{}-{}", self.case.name, self.seed);
-        if k > self.verify() {
+        let stem = format!("{}-{}", self.case.name, self.seed.unit);
+        if k > self.verify() + 1 {
+            format!("{stem}-more-{}.csv", k - self.verify() - 1)
+        } else if k > self.verify() {
             format!("{stem}-judge.csv")
         } else if k == self.verify() {
             format!("{stem}-verify.csv")
@@ -225,7 +227,7 @@ impl<'a> Making<'a> {
     }
 }
 
-fn worlds(case: &Case, seed: u64, unit: &Unit) -> Vec<World> {
+fn worlds(case: &Case, seed: Seed, unit: &Unit) -> Vec<World> {
     let dt_s = case.layout.row_s.min(1.0);
     case.runs()
         .enumerate()
@@ -240,7 +242,7 @@ fn worlds(case: &Case, seed: u64, unit: &Unit) -> Vec<World> {
         .collect()
 }
 
-fn noises(case: &Case, seed: u64, unit: &Unit, worlds: &[World]) -> Vec<Three> {
+fn noises(case: &Case, seed: Seed, unit: &Unit, worlds: &[World]) -> Vec<Three> {
     let noise = |k: usize, w: &World, a: usize| -> Vec<f64> {
         let mut rng = stream(seed, &[&case.name, "noise", &k.to_string(), AXES[a]]);
         let mut x = noise::sample(&mut rng, &case.noise, unit.mixtures[a], &w.t_c[a], w.dt_s);

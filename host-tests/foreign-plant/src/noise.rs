@@ -3,6 +3,7 @@
 //! Each part is scaled by what its spectrum must give, so that its 100 s means have a standard deviation of 1 about the mean of a run;
 //! the parts are then mixed by shares of variance. The noise that a run really got is measured and goes into the truth.
 
+use crate::draw::Properties;
 use crate::means::{deviation, means};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
@@ -72,7 +73,7 @@ pub struct Mixture {
 impl Mixture {
     /// The mixture of one axis of a unit.
     #[must_use]
-    pub fn draw(rng: &mut ChaCha8Rng, noise: &Noise) -> Self {
+    pub fn draw(rng: &mut Properties, noise: &Noise) -> Self {
         let exponent = rng.random_range(0.8..1.4);
         let none = Self { white: 1.0, flicker: 0.0, exponent, walk: 0.0, lines: 0.0, markov: 0.0, markov_s: 1000.0 };
         let some_flicker = Self { flicker: rng.random_range(0.06..0.22), ..none };

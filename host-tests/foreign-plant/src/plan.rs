@@ -1,6 +1,6 @@
 //! Plan of a run, and the body that its thermometer shows.
 
-use crate::chamber::{Program, Span};
+use crate::chamber::{Leg, Program, Span};
 
 /// Body of each gyro that the bias follows: a thermometer without fault shows the temperature of that body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,6 +18,8 @@ pub enum Followed {
 pub struct Plan {
     /// The chamber's program.
     pub program: Program,
+    /// Legs in the place of those that the program draws; none: the program's.
+    pub legs: &'static [Leg],
     /// Its temperatures.
     pub span: Span,
     /// Length of the log, h.

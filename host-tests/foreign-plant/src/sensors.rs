@@ -1,7 +1,7 @@
 //! Readings of thermometers: the resonator's frequency, and sensors on the cases.
 
+use crate::draw::Properties;
 use crate::operators::lag;
-use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -16,7 +16,7 @@ pub struct Curve {
 impl Curve {
     /// The curve of axis number `axis`: near 4.90, 4.89 and 4.71 kHz, and 96 ppm/C.
     #[must_use]
-    pub fn draw(rng: &mut ChaCha8Rng, axis: usize) -> Self {
+    pub fn draw(rng: &mut Properties, axis: usize) -> Self {
         let centre = [4903.0, 4893.0, 4712.0][axis % 3];
         Self {
             at_25_hz: centre + rng.random_range(-12.0..12.0),
@@ -78,7 +78,7 @@ pub struct Sensor {
 impl Sensor {
     /// A digital case sensor: steps of 0.0625 C, sometimes 0.1 C.
     #[must_use]
-    pub fn draw(rng: &mut ChaCha8Rng) -> Self {
+    pub fn draw(rng: &mut Properties) -> Self {
         Self {
             offset_c: rng.random_range(-0.5..0.5),
             gain_error: rng.random_range(-0.006..0.006),

@@ -2,11 +2,10 @@
 
 use crate::acting::Acting;
 use crate::case::{Acts, Effect, Runs, Size, AXES};
-use crate::draw::{stream, Draw};
+use crate::draw::{Draw, Properties};
 use crate::fit;
 use crate::making::{kept, stack, Making};
 use crate::means::rms;
-use rand::Rng;
 use std::collections::BTreeMap;
 
 /// Largest fault of a thermometer: 2 % of the frequency, or 50 C of a sensor for each unit of its form.
@@ -73,7 +72,7 @@ impl Making<'_> {
 
     /// Draws the unit's own spread of a size, 10 % either way, and its sign.
     fn spread(&self, e: usize, axis: &str) -> (f64, f64) {
-        let mut rng = stream(self.seed, &[&self.case.name, "size", &e.to_string(), axis]);
+        let mut rng = Properties::new(self.seed, &[&self.case.name, "size", &e.to_string(), axis]);
         (rng.random_range(0.9..1.1), if rng.random_bool(0.5) { 1.0 } else { -1.0 })
     }
 

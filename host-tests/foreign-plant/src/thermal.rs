@@ -9,8 +9,7 @@
 //! The holder is recorded by nobody. Conductances differ by axis and change with temperature: natural convection grows with the difference,
 //! radiation with the cube of the absolute temperature.
 
-use rand::Rng;
-use rand_chacha::ChaCha8Rng;
+use crate::draw::Properties;
 
 /// Absolute zero, C.
 const ZERO_C: f64 = 273.15;
@@ -56,7 +55,7 @@ pub struct Bodies {
 impl Network {
     /// A unit.
     #[must_use]
-    pub fn draw(rng: &mut ChaCha8Rng) -> Self {
+    pub fn draw(rng: &mut Properties) -> Self {
         let mut gyro = || Gyro {
             case_to_base_s: rng.random_range(150.0..280.0),
             case_to_air_s: rng.random_range(900.0..1600.0),

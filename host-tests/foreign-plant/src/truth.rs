@@ -98,7 +98,7 @@ pub struct AxisFigures {
 /// One run.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct RunTruth {
-    /// `train`, `verify` or `judge`.
+    /// `train`, `verify`, `judge`, or `more` for a run that nothing is sized by.
     pub role: String,
     /// File beside this truth.
     pub file: String,

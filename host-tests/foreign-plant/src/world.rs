@@ -1,5 +1,6 @@
 //! All that happens in one run, but for noise and effects: the chamber, the unit's bodies, and its electrical quantities.
 
+use crate::chamber;
 use crate::operators::{lag, slope_per_min};
 use crate::plan::{Followed, Plan};
 use crate::unit::Unit;
@@ -49,7 +50,11 @@ impl World {
     #[must_use]
     pub fn run(rng: &mut ChaCha8Rng, unit: &Unit, plan: Plan, followed: Followed, dt_s: f64) -> Self {
         let seconds = plan.log_from_s + plan.hours * 3600.0;
-        let set_points = plan.program.set_points(rng, plan.span, dt_s, seconds);
+        let set_points = if plan.legs.is_empty() {
+            plan.program.set_points(rng, plan.span, dt_s, seconds)
+        } else {
+            chamber::set_points(plan.legs, 0.0, plan.span.start_c, dt_s, seconds)
+        };
         let air_c = unit.chamber.air(&set_points, dt_s);
         let bodies = unit.network.run(&air_c, dt_s);
         let t_c = match followed {

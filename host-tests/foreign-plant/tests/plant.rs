@@ -1,7 +1,7 @@
 //! The parts of the plant behave as their physics says.
 
 use foreign_plant::chamber::{Chamber, Program, Span};
-use foreign_plant::draw::stream;
+use foreign_plant::draw::{stream, Design, Properties, Seed};
 use foreign_plant::means::{deviation, means};
 use foreign_plant::noise::{self, Mixture, Noise};
 use foreign_plant::operators as op;
@@ -75,7 +75,7 @@ fn every_kind_of_noise_has_the_floor_that_is_asked_for() {
         let squares: f64 = (0..20)
             .map(|seed| {
                 let mut rng = stream(seed, &["floor"]);
-                let mixture = Mixture::draw(&mut rng, &kind);
+                let mixture = Mixture::draw(&mut Properties::new(seed.into(), &["mixture"]), &kind);
                 deviation(&means(&noise::sample(&mut rng, &kind, mixture, &t_c, 1.0), 1.0, 0)).powi(2)
             })
             .sum();
@@ -140,7 +140,7 @@ fn tables_of_residuals_are_read_or_refused_with_a_sentence() {
 fn frequency_curves_are_near_96_ppm_and_can_be_inverted() {
     for seed in 0..50 {
         for axis in 0..3 {
-            let curve = Curve::draw(&mut stream(seed, &["curve"]), axis);
+            let curve = Curve::draw(&mut Properties::new(seed.into(), &["curve"]), axis);
             let ppm = curve.hz_per_c(25.0) / curve.hz(25.0) * 1e6;
             assert!((90.0..102.0).contains(&ppm), "{ppm} ppm/C");
             for t in [-45.0, -3.0, 25.0, 64.0] {
@@ -155,8 +155,7 @@ fn the_chamber_overshoots_ripples_and_follows_its_program() {
     let mut most_overshoot: f64 = 0.0;
     let mut rippling = 0;
     for seed in 0..10 {
-        let mut rng = stream(seed, &["chamber"]);
-        let chamber = Chamber::draw(&mut rng);
+        let chamber = Chamber::draw(&mut Properties::new(seed.into(), &["its numbers"]));
         // To 55 C at 1.5 C/min, an hour there; to -10 C, an hour there.
         let mut set = vec![22.0; 600];
         set.extend((0..1320).map(|i| 22.0 + f64::from(i) * 0.025));
@@ -179,7 +178,7 @@ fn the_chamber_overshoots_ripples_and_follows_its_program() {
 #[test]
 fn a_powered_unit_warms_itself_and_each_body_follows_at_its_own_pace() {
     for seed in 0..10 {
-        let network = Network::draw(&mut stream(seed, &["network"]));
+        let network = Network::draw(&mut Properties::new(seed.into(), &["network"]));
         let bodies = network.run(&vec![20.0; 4 * 3600], 1.0);
         for a in 0..3 {
             let end = bodies.resonator_c[a][4 * 3600 - 1];
@@ -269,4 +268,31 @@ fn operators_follow_their_laws() {
     assert!(dahl.iter().all(|f| f.abs() <= 1.0) && dahl.iter().any(|f| f.abs() > 0.8));
     // At the same temperature, rising and falling (a period is 1256.6 steps), the force differs.
     assert!((dahl[1257] - dahl[1885]).abs() > 0.5);
+}
+
+#[test]
+fn units_of_a_design_have_its_properties_each_a_little_off() {
+    let of = |unit: u64, design: u64| Seed { unit, design: Some(Design { seed: design, spread: 0.3 }) };
+    let drawn = |seed: Seed| Properties::new(seed, &["a property"]).random_range(100.0..200.0);
+    let one: Vec<f64> = (0..200).map(|unit| drawn(of(unit, 1))).collect();
+    let (least, most) = one.iter().fold((f64::MAX, f64::MIN), |(l, m), v| (l.min(*v), m.max(*v)));
+    // Within 15 either way of the design's, but not all alike.
+    assert!((15.0..=30.0).contains(&(most - least)), "{least} to {most}");
+    let designs: Vec<f64> = (0..200).map(|design| drawn(of(1, design))).collect();
+    assert!(deviation(&designs) > 3.0 * deviation(&one), "{} and {}", deviation(&designs), deviation(&one));
+    let sign = |seed: Seed| Properties::new(seed, &["a sign"]).random_bool(0.5);
+    assert!((0..50).all(|unit| sign(of(unit, 1)) == sign(of(0, 1))));
+}
+
+#[test]
+fn a_further_run_changes_nothing_else_and_follows_its_legs() {
+    let case = foreign_plant::cases().into_iter().find(|c| c.name == "memory-rod").expect("the case is there");
+    let mut further = foreign_plant::case::run(Program::Cycles, 2.0);
+    further.plan.legs = &[foreign_plant::chamber::Leg { to_c: -30.0, c_per_min: 2.0, hold_min: 200.0 }];
+    let with = foreign_plant::Case { more: vec![further], ..case.clone() };
+    let (without, with) = (case.generate(1), with.generate(1));
+    let rows = |r: &foreign_plant::Recording| r.columns.iter().map(|c| c.values.clone()).collect::<Vec<_>>();
+    assert!(rows(&without.judge) == rows(&with.judge) && without.more.is_empty());
+    let air = with.more[0].columns.iter().find(|c| c.name == "chamber_c").expect("recorded");
+    assert!((air.values[air.values.len() - 1] + 30.0).abs() < 2.0, "{:?}", air.values.last());
 }

@@ -1,6 +1,7 @@
 //! Exam that each mutant goes through.
 
 use super::rebuilt;
+use crate::faults::load::LATENCY;
 use crate::faults::Scene;
 use anyhow::{Context, Result};
 use hrg_board::host;
@@ -55,6 +56,8 @@ struct Stretch {
     housekeeping: Vec<Housekeeping>,
     other: Vec<Message>,
     log: Vec<String>,
+    /// From data-ready to the corrected sample, cycles at most.
+    latency: u64,
 }
 
 /// Record of a unit's actions.
@@ -145,6 +148,11 @@ impl Stretch {
         })
     }
 
+    /// Every sample is corrected in the time that docs/promises.md gives it, or the other's are late as well.
+    fn latency_alike(&self, other: &Self) -> bool {
+        other.latency <= LATENCY || self.latency > LATENCY
+    }
+
     /// Lines but for their numbers.
     fn logs_alike(&self, other: &Self) -> bool {
         let words =
@@ -185,6 +193,7 @@ impl Outcome {
             (self.answers != other.answers, "it answers otherwise"),
             (!marks, "its sample mark differs"),
             (!self.all(other, Stretch::times_alike), "what it sends comes at other times"),
+            (!self.all(other, Stretch::latency_alike), "a sample is corrected later than promised"),
         ]
         .into_iter()
         .find_map(|(differs, what)| differs.then_some(what))
@@ -278,7 +287,9 @@ impl<'a> Exam<'a> {
     fn all(&self, wrong: &Wrong, out: &mut Outcome) -> Result<()> {
         let mut board = self.board(wrong)?;
         board.watch_marks();
+        board.count_calls(symbol::SAMPLE)?;
         run(&mut board, SILENT_S, out)?;
+        board.forget_calls();
         out.silent = board.world.received.rates.is_empty();
         out.registers = board.registers();
         if out.silent {
@@ -367,7 +378,10 @@ fn run(board: &mut Board<Wires>, until_s: f64, out: &mut Outcome) -> Result<()> 
 /// Ends a stretch.
 fn take(board: &mut Board<Wires>, out: &mut Outcome) {
     let r = std::mem::take(&mut board.world.received);
+    let latency = board.probe(0).map_or(0, |p| p.latency.most_cycles);
+    board.forget_calls();
     out.stretches.push(Stretch {
+        latency,
         rates: r.rates,
         rate_at: r.rate_at,
         delay_cycles: r.delay_cycles,
