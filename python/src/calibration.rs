@@ -278,7 +278,7 @@ impl Report {
 
 /// See `hrg.trace`.
 #[pyfunction]
-#[pyo3(signature = (train, verify, *, in_use = None, judge = None, exchange = false, repeat_is_enough = false, different_units = false, jobs = None, progress = None, own_effects = Vec::new(), limit_dph = None))]
+#[pyo3(signature = (train, verify, *, in_use = None, judge = None, exchange = false, repeat_is_enough = false, different_units = false, jobs = None, progress = None, own_effects = Vec::new(), limit_dph = None, prior = None))]
 #[allow(clippy::too_many_arguments)] // They are a user's keywords.
 pub fn trace(
     py: Python<'_>,
@@ -293,7 +293,9 @@ pub fn trace(
     progress: Option<Py<PyAny>>,
     own_effects: Vec<Bound<'_, PyAny>>,
     limit_dph: Option<f64>,
+    prior: Option<std::path::PathBuf>,
 ) -> PyResult<Report> {
+    let family = prior.as_deref().map(hrg::fleet::read_family).transpose().map_err(refused)?;
     let train = train.iter().map(|r| r.get().at_rest()).collect::<PyResult<Vec<_>>>()?;
     let verify = verify.get().at_rest()?;
     let in_use = in_use.map(|c| c.get().inner.clone());
@@ -305,7 +307,8 @@ pub fn trace(
     }
     let raised = user_effects::Raised::default();
     let own = own_effects.iter().map(|e| user_effects::effect(e, &raised)).collect::<PyResult<Vec<_>>>()?;
-    let options = tracing::Options { own, units: units(different_units), in_use, repeat_is_enough, judge, exchange };
+    let options =
+        tracing::Options { own, units: units(different_units), in_use, repeat_is_enough, judge, exchange, family };
     let traced = work::run(py, progress.as_ref(), move || {
         let t: Trace = tracing::trace_with(&train, &verify, &options)?;
         let mut image = (t.report.image != tracing::Image::None).then(|| t.image.clone());

@@ -4,6 +4,7 @@
 #![allow(clippy::needless_pass_by_value)]
 
 mod calibration;
+mod fleet;
 mod pages;
 mod recording;
 mod tools;
@@ -51,6 +52,11 @@ fn _hrg(m: &Bound<'_, PyModule>) -> PyResult<()> {
         wrap_pyfunction!(pages::judge, m)?,
         wrap_pyfunction!(pages::soaks, m)?,
         wrap_pyfunction!(pages::identify_accelerometers, m)?,
+        wrap_pyfunction!(fleet::fleet_units, m)?,
+        wrap_pyfunction!(fleet::fleet_row, m)?,
+        wrap_pyfunction!(fleet::fleet_kept, m)?,
+        wrap_pyfunction!(fleet::fleet_keep, m)?,
+        wrap_pyfunction!(fleet::fleet_write, m)?,
         wrap_pyfunction!(calibration::correct, m)?,
         wrap_pyfunction!(recording::import_table, m)?,
         wrap_pyfunction!(recording::simulate, m)?,

@@ -5,11 +5,13 @@ use std::path::PathBuf;
 use std::process::Command;
 
 /// Packages that the tests need beside the wheel. (maturin builds it.)
-const NEEDED: [&str; 13] = [
+const NEEDED: [&str; 15] = [
     "maturin>=1.9,<2",
     "numpy>=1.21",
     "pandas>=1.5",
     "polars",
+    "pyarrow>=14",
+    "distributed>=2023.1",
     "matplotlib>=3.5",
     "pytest>=7",
     "nbformat>=5",

@@ -9,6 +9,7 @@
 //! | [`profiles`] | the effects that each chamber profile can distinguish |
 #![forbid(unsafe_code)]
 
+pub mod fleet;
 pub mod images;
 pub mod judge;
 pub mod profiles;

@@ -2,6 +2,7 @@
 
 use super::plant::Plant;
 use hrg_data::error::BadInput;
+use std::fmt;
 
 /// One leg of a chamber profile.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -187,6 +188,23 @@ impl Profile {
     }
 }
 
+impl fmt::Display for Profile {
+    /// As [`Profile::parse`] reads it.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.start_c)?;
+        for leg in &self.legs {
+            match leg {
+                Leg::Ramp(to, rate) => write!(f, ",{to}@{rate}")?,
+                Leg::Soak(s) if s % 60.0 == 0.0 => write!(f, ",{}m", s / 60.0)?,
+                Leg::Soak(s) => write!(f, ",{s}s")?,
+                Leg::SetPoint(to) => write!(f, ",{to}@set")?,
+                Leg::UntilGyros(wanted) => write!(f, ",until gyros={wanted}")?,
+            }
+        }
+        Ok(())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -202,6 +220,10 @@ mod tests {
         for text in ["20,500@1,1h", "-300,1h", "20,nan@set,1h", "20,50@1,until gyros=inf"] {
             let error = Profile::parse(text).expect_err("bad").0;
             assert!(error.contains("no chamber goes to"), "{error}");
+        }
+        for (name, text) in PROFILES {
+            let profile = Profile::parse(name).expect("named");
+            assert_eq!(Profile::parse(&profile.to_string()).expect("as it is written"), profile, "{text}");
         }
         let p = Profile::parse("20,50@3,10m").expect("fine").temperatures();
         assert_eq!(p.len(), 1 + 600 + 600);

@@ -69,6 +69,12 @@ impl Unit {
         (self.truth["case"].as_str().unwrap_or("?"), self.truth["seed"].as_u64().unwrap_or(0))
     }
 
+    /// True bias of an axis on the run that judges, means of 100 s, deg/h; empty for an axis that is not there.
+    pub(crate) fn bias(&self, axis: &str) -> Vec<f64> {
+        let all = self.of_role("judge").last().and_then(|r| r["bias_dph"][axis].as_array());
+        all.into_iter().flatten().map(|v| v.as_f64().unwrap_or(f64::NAN)).collect()
+    }
+
     fn of_role(&self, role: &str) -> impl Iterator<Item = &Value> {
         self.truth["runs"].as_array().into_iter().flatten().filter(move |r| r["role"] == role)
     }

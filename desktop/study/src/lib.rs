@@ -7,6 +7,7 @@
 //! | [`threshold`] | false alarms of the trace's threshold |
 //! | [`campaign`] | the seeded campaign behind docs/trace.md |
 //! | [`methods`], [`rates`], [`align`] | methods, scale factors and self-alignment through the ELF |
+//! | [`family`] | what a family spares the next unit, on the second plant |
 //! | [`inputs`] | inputs beside the frequencies, on the second plant and through the ELF |
 //! | [`output`] | what a navigator gets: filters, increments, time, measured through the ELF |
 //! | [`faults`] | attacks the promises of docs/promises.md |
@@ -21,6 +22,7 @@ pub mod align;
 pub mod campaign;
 pub mod demo;
 pub mod desktop_bench;
+pub mod family;
 pub mod faults;
 pub mod fingerprint;
 pub mod forces;

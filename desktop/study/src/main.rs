@@ -186,6 +186,10 @@ enum Command {
     ///
     /// Example: hrg-study inputs --folder out/inputs
     Inputs(hrg_study::inputs::Arguments),
+    /// What a family spares the next unit: a short run under it against a long one without, on units of one design by the second plant.
+    ///
+    /// Example: hrg-study family --folder out/family/memory-rod-1
+    Family(hrg_study::family::Arguments),
     /// The main job from end to end, on a simulated unit.
     ///
     /// Example: hrg-study demo --seed 7
@@ -300,6 +304,11 @@ fn run(command: Command) -> Result<()> {
             let text = hrg_study::inputs::run(&arguments)?;
             print!("{text}");
             arguments.page.map_or(Ok(()), |page| splice(&page, "inputs", &text))
+        }
+        Command::Family(arguments) => {
+            let text = hrg_study::family::run(&arguments)?;
+            print!("{text}");
+            arguments.page.map_or(Ok(()), |page| splice(&page, "family", &text))
         }
         Command::Demo { seed, out, page, elf } => {
             let out = out.unwrap_or_else(|| PathBuf::from("out").join(format!("demo-{seed}")));

@@ -26,14 +26,14 @@ fn elf() -> Vec<u8> {
     replay::read_elf(&replay::default_elf()).expect("cargo xtask test builds the firmware first")
 }
 
-fn folder(name: &str) -> PathBuf {
+pub fn folder(name: &str) -> PathBuf {
     let p = std::env::temp_dir().join(format!("hrg-host-day-{}-{name}", std::process::id()));
     let _ = std::fs::remove_dir_all(&p);
     std::fs::create_dir_all(&p).expect("a temporary folder");
     p
 }
 
-fn command(folder: &Path, arguments: &str) -> Command {
+pub fn command(folder: &Path, arguments: &str) -> Command {
     static ONCE: OnceLock<PathBuf> = OnceLock::new();
     let mut c = Command::new(ONCE.get_or_init(|| program("hrg")));
     // (An underscore stands for a blank.)
@@ -64,9 +64,9 @@ fn text(folder: &Path, name: &str) -> String {
     std::fs::read_to_string(folder.join(name)).expect("written")
 }
 
-/// Half an hour in which the resonators are warmed by 24 C and cooled again, fast enough for a test: 12 C per minute.
-fn steps() -> Steps {
-    let plan = Plan::of(Profile::parse("20,29m").expect("fine"), 5, 3);
+/// Minutes in which the resonators are warmed by 24 C and cooled again, fast enough for a test: 12 C per minute.
+fn steps(minutes: u32) -> Steps {
+    let plan = Plan::of(Profile::parse(&format!("20,{minutes}m")).expect("fine"), 5, 3);
     let mut recording = plan.simulate().recording;
     recording.restore_earth_rate();
     let mut steps = Steps::new(&recording).expect("long enough");
@@ -80,9 +80,14 @@ fn steps() -> Steps {
     steps
 }
 
-/// Runs the board while something is done; its flash stays in the folder.
+/// Runs the board while something is done, half an hour of its time at most; its flash stays in the folder.
 fn power(folder: &Path, speed: f64, work: impl FnOnce()) {
-    let (elf, steps) = (elf(), steps());
+    power_for(29, folder, speed, work);
+}
+
+/// The same for so many minutes of the board's time.
+pub fn power_for(minutes: u32, folder: &Path, speed: f64, work: impl FnOnce()) {
+    let (elf, steps) = (elf(), steps(minutes));
     // Built before the board's time runs.
     let _ = command(folder, "");
     let options = serve::Options { speed, seconds: None, folder: folder.to_path_buf(), as_on_chip: false };

@@ -26,6 +26,7 @@ mod output;
 mod panics;
 mod papers;
 mod parquet;
+mod production;
 mod rates;
 mod second_chip;
 mod self_test;

@@ -328,7 +328,7 @@ def trace(train, verify, **options):
     A recording may be a :class:`Recording`, a path, an open file or a frame. Options: ``in_use`` (the calibration that a new one must beat),
     ``judge`` (a third recording, which chooses nothing and judges alone), ``exchange`` (search on ``verify``, too: advice),
     ``repeat_is_enough`` (recommend a burn also where ``verify`` only repeats the profile of ``train``), ``different_units``, ``limit_dph``
-    (drawn into the first pictures), ``jobs`` (accepted and not used: a trace takes one processor), ``progress`` (called with what is done
+    (drawn into the first pictures), ``prior`` (the file of a family that the unit is of), ``jobs`` (accepted and not used: a trace takes one processor), ``progress`` (called with what is done
     and of how much), ``own_effects`` (effects that you have written, :class:`OwnEffect`). Ctrl-C stops it.
     """
     if options.get("judge") is not None:

@@ -268,6 +268,7 @@ def trace(
     progress: Callable[[int, int], object] | None = None,
     own_effects: Sequence[OwnEffect] = (),
     limit_dph: float | None = None,
+    prior: str | PathLike[str] | None = None,
 ) -> Report: ...
 def compare(
     train: Source | Sequence[Source],

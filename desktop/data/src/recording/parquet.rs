@@ -9,7 +9,7 @@ use super::metadata::Lines;
 use crate::error::BadInput;
 use parquet::basic::{Compression, ConvertedType, LogicalType, Repetition, TimeUnit, Type as Physical};
 use parquet::column::reader::ColumnReader;
-use parquet::data_type::{ByteArray, DataType, DoubleType, Int32Type};
+use parquet::data_type::{ByteArray, ByteArrayType, DataType, DoubleType, Int32Type};
 use parquet::errors::ParquetError;
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
@@ -304,6 +304,47 @@ pub fn from_csv(csv: &str) -> anyhow::Result<Vec<u8>> {
             } else {
                 let there: Vec<f64> = there.collect();
                 out.typed::<DoubleType>().write_batch(&there, Some(&levels), None)?;
+            }
+        }
+        out.close()?;
+    }
+    group.close()?;
+    Ok(writer.into_inner()?)
+}
+
+/// A table as Parquet: numbers (NaN where missing) and texts (empty where missing).
+///
+/// # Errors
+/// None in practice: the file is made in memory.
+pub fn write_table(columns: &[(String, Cells)]) -> anyhow::Result<Vec<u8>> {
+    let fields = columns
+        .iter()
+        .map(|(name, cells)| {
+            let of = |physical| Type::primitive_type_builder(name, physical).with_repetition(Repetition::OPTIONAL);
+            let field = match cells {
+                Cells::Numbers(..) => of(Physical::DOUBLE),
+                Cells::Texts(_) => of(Physical::BYTE_ARRAY).with_logical_type(Some(LogicalType::String)),
+            };
+            field.build().map(Arc::new)
+        })
+        .collect::<Result<Vec<_>, _>>()?;
+    let schema = Arc::new(Type::group_type_builder("schema").with_fields(fields).build()?);
+    let properties = WriterProperties::builder().set_compression(Compression::SNAPPY).build();
+    let mut writer = SerializedFileWriter::new(Vec::new(), schema, Arc::new(properties))?;
+    let mut group = writer.next_row_group()?;
+    for (_, cells) in columns {
+        let Some(mut out) = group.next_column()? else { break };
+        match cells {
+            Cells::Numbers(values, _) => {
+                let levels: Vec<i16> = values.iter().map(|v| i16::from(v.is_finite())).collect();
+                let there: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
+                out.typed::<DoubleType>().write_batch(&there, Some(&levels), None)?;
+            }
+            Cells::Texts(texts) => {
+                let levels: Vec<i16> = texts.iter().map(|t| i16::from(!t.is_empty())).collect();
+                let there: Vec<ByteArray> =
+                    texts.iter().filter(|t| !t.is_empty()).map(|t| ByteArray::from(t.as_str())).collect();
+                out.typed::<ByteArrayType>().write_batch(&there, Some(&levels), None)?;
             }
         }
         out.close()?;

@@ -48,6 +48,8 @@ pub struct Prepared {
     pub lag_s: [f64; AXES],
     /// Fastest cooling (negative) and heating of the first axis that is there, C per minute: 0 where there is none.
     pub fastest: [f32; 2],
+    /// Third of the blocks that the rates are cut into, s, where the noise that is known of the unit's family counts blocks; else by the runs' length.
+    pub coarse_s: Option<usize>,
 }
 
 impl Prepared {
@@ -84,6 +86,32 @@ pub fn prepare_with(
     units: Units,
     known: Option<[TemperatureCurve; AXES]>,
 ) -> Result<Prepared, BadInput> {
+    prepare_by(recordings, units, |steps, first| match known {
+        Some(known) if !first.thermometer.is_sensor() => curve::given(steps, known),
+        _ => curve::from_steps(steps),
+    })
+}
+
+/// As [`prepare_for`], with curves of a design that the unit is of, as far as its sensors and they go together.
+///
+/// # Errors
+/// One sentence.
+pub fn prepare_of_design(
+    recordings: &[Recording],
+    units: Units,
+    designs: &[Option<curve::DesignCurve>; AXES],
+) -> Result<Prepared, BadInput> {
+    prepare_by(recordings, units, |steps, _| match curve::of_design(steps, designs)? {
+        Some(identified) => Ok(identified),
+        None => curve::from_steps(steps),
+    })
+}
+
+fn prepare_by(
+    recordings: &[Recording],
+    units: Units,
+    curves: impl Fn(&[Steps], &Recording) -> Result<curve::Identified, BadInput>,
+) -> Result<Prepared, BadInput> {
     let mut notes = Vec::new();
     let steps = recordings.iter().map(raw_steps).collect::<Result<Vec<_>, _>>()?;
     let first = recordings.first().ok_or_else(|| BadInput::new("no recording was given"))?;
@@ -98,10 +126,7 @@ pub fn prepare_with(
         )));
     }
     independence::require(&all.iter().map(|r| (*r, "train")).collect::<Vec<_>>())?;
-    let curve::Identified { curves, reference, lag_s } = match known {
-        Some(known) if !first.thermometer.is_sensor() => curve::given(&steps, known)?,
-        _ => curve::from_steps(&steps)?,
-    };
+    let curve::Identified { curves, reference, lag_s } = curves(&steps, first)?;
     notes.push(about_reference(reference, first, lag_s));
     let mut calibration = Calibration::uncalibrated();
     if first.unit() != names::NONE {
@@ -128,15 +153,7 @@ pub fn prepare_with(
             high - low
         ));
     }
-    calibration.scaling = Scaling {
-        t_ref_c: (0.5 * (low + high)).round(),
-        t_scale_c: (0.5 * (high - low)).max(5.0).round(),
-        // The polynomial is trusted a little beyond the data and continued straight from there.
-        linear_below_c: low - 5.0,
-        linear_above_c: high + 5.0,
-        linear_beyond_c_per_min: 10.0,
-        blend_band_c_per_min: 0.1,
-    };
+    calibration.scaling = scaling((low, high), 10.0);
     let mut runs: Vec<Run> = steps.into_iter().map(|s| Run::new(s, curves)).collect();
     notes.extend(enough_data::agree_on_means(&mut runs.iter_mut().collect::<Vec<_>>()));
     for (run, r) in runs.iter().zip(recordings) {
@@ -150,11 +167,25 @@ pub fn prepare_with(
         .iter()
         .flat_map(|a| [a.valid_from_c_per_min, a.valid_to_c_per_min])
         .fold(0.0f32, |m, r| m.max(r.abs()));
-    calibration.scaling.linear_beyond_c_per_min = (1.2 * r_most).max(0.1);
+    calibration.scaling = scaling((low, high), r_most);
     visit(&mut calibration, &runs);
     let inputs = input_table(&runs);
     runs.iter_mut().for_each(|run| run.table.clone_from(&inputs));
-    Ok(Prepared { runs, calibration, inputs, notes, lag_s, fastest })
+    Ok(Prepared { runs, calibration, inputs, notes, lag_s, fastest, coarse_s: None })
+}
+
+/// Centre and scale of a model over temperatures (C) and ramps up to the fastest (C per minute). The polynomial is trusted a little beyond them and
+/// continued straight from there.
+#[must_use]
+pub fn scaling((low_c, high_c): (f32, f32), fastest_c_per_min: f32) -> Scaling {
+    Scaling {
+        t_ref_c: (0.5 * (low_c + high_c)).round(),
+        t_scale_c: (0.5 * (high_c - low_c)).max(5.0).round(),
+        linear_below_c: low_c - 5.0,
+        linear_above_c: high_c + 5.0,
+        linear_beyond_c_per_min: (1.2 * fastest_c_per_min).max(0.1),
+        blend_band_c_per_min: 0.1,
+    }
 }
 
 /// Gives an image the inputs that its effects read, from those there are; effects of more than an image holds are taken out, and named.

@@ -6,7 +6,7 @@ use hrg_core::AXES;
 use hrg_data::error::BadInput;
 use hrg_data::image_file::sensor_curve;
 use hrg_data::numeric::lsq;
-use hrg_data::numeric::stats::quantile;
+use hrg_data::numeric::stats::{mean, quantile, std_dev};
 use hrg_data::recording::steps::Steps;
 use hrg_data::recording::thermometer::Thermometer;
 
@@ -341,10 +341,17 @@ impl Pairs {
 
 /// Shares of the first of two lags in series that the second one is tried at.
 const SECOND_LAGS: [f64; 7] = [0.0, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0];
-/// Spread of a resonator's slope about that of Table 1, as a share: three times what its three gyros differ by.
-const SLOPE_STD: f64 = 0.07;
-/// The same of the quadratic and the cubic coefficient over 21 Hz either way, C.
-const CURVATURE_STD_C: [f64; 2] = [0.12, 0.08];
+/// Spread of curves about one of them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Spread {
+    /// Of the slope, as a share.
+    slope: f64,
+    /// Of the quadratic and the cubic coefficient over the scale of that curve, C.
+    curvature_c: [f64; 2],
+}
+
+/// That of a resonator about the curve of Table 1: of the slope three times what its three gyros differ by; of the coefficients over 21 Hz either way.
+const ABOUT_TABLE_1: Spread = Spread { slope: 0.07, curvature_c: [0.12, 0.08] };
 /// Seconds within which the error of a thermal model is one value.
 const ALIKE_S: f64 = 2000.0;
 
@@ -364,7 +371,7 @@ fn behind_chamber(
     // Less log-likelihood of two time constants: what they leave, in Hz, and how far the slope is from Table 1's.
     let cost = |second: f64, long: f64| -> f64 {
         let Ok(straight) = near(&pairs(second, long), like, None) else { return f64::INFINITY };
-        let off = straight.slope.max(1e-6).ln() / SLOPE_STD;
+        let off = straight.slope.max(1e-6).ln() / ABOUT_TABLE_1.slope;
         0.5 * independent * (straight.left_c2 / straight.slope.powi(2)).ln() + 0.5 * off * off
     };
     let of = |second: f64| {
@@ -376,7 +383,7 @@ fn behind_chamber(
     let pairs = pairs(second, long);
     let straight = near(&pairs, like, None)?;
     let found = if plausible_slope(&straight.curve) {
-        near(&pairs, like, Some(straight.left_c2 / independent))?
+        near(&pairs, like, Some((ABOUT_TABLE_1, straight.left_c2 / independent)))?
     } else {
         straight
     };
@@ -392,9 +399,9 @@ struct Near {
     left_c2: f64,
 }
 
-/// Fits a cubic with the curvature of another one and its own slope; or, where `variance_c2` is the variance of a mean of all rows, with
-/// slope and curvature near those of the other.
-fn near(pairs: &Pairs, like: &TemperatureCurve, variance_c2: Option<f64>) -> Result<Near, BadInput> {
+/// Fits a cubic with the curvature of another one and its own slope; or with slope and curvature within a spread about those of the other, where the
+/// variance of a mean of all rows is given, C^2.
+fn near(pairs: &Pairs, like: &TemperatureCurve, within: Option<(Spread, f64)>) -> Result<Near, BadInput> {
     // (For the centre, the scale and the range.)
     let mut curve = fit_inverse(&pairs.frequency_hz, &pairs.temperature_c, Some(&pairs.weights), 1)?;
     let ratio = f64::from(curve.frequency_scale_hz) / f64::from(like.frequency_scale_hz);
@@ -408,11 +415,11 @@ fn near(pairs: &Pairs, like: &TemperatureCurve, variance_c2: Option<f64>) -> Res
     let rest: Vec<f64> = (0..u.len())
         .map(|k| root[k] * pairs.temperature_c[k] - powers.iter().zip(theirs).map(|(x, c)| x[k] * c).sum::<f64>())
         .collect();
-    let fit = match variance_c2 {
+    let fit = match within {
         None => lsq::fit(&powers[..2], &rest, None, &["1", "u"])?,
-        Some(v) => {
-            let [square_c, cube_c] = CURVATURE_STD_C;
-            let spread = [SLOPE_STD * theirs[1], square_c * ratio.powi(2), cube_c * ratio.powi(3)];
+        Some((spread, v)) => {
+            let [square_c, cube_c] = spread.curvature_c;
+            let spread = [spread.slope * theirs[1], square_c * ratio.powi(2), cube_c * ratio.powi(3)];
             let prior = [None].into_iter().chain(spread.map(|s| Some(s * s / v.max(1e-12)))).collect::<Vec<_>>();
             lsq::fit_shrunk(&powers, &rest, &prior, &["1", "u", "u^2", "u^3"])?
         }
@@ -423,6 +430,136 @@ fn near(pairs: &Pairs, like: &TemperatureCurve, variance_c2: Option<f64>) -> Res
     let left_c2 = (0..rest.len()).map(|k| left(k).powi(2)).sum();
     curve.temperature_coefficients_c = c.map(|v| v as f32);
     Ok(Near { curve, slope: c[1] / theirs[1], left_c2 })
+}
+
+/// The curve of an axis over the units of a design, by the frequency over that at a middle temperature, with the spread between the units.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct DesignCurve {
+    /// Half-width over which the polynomial is scaled, as a share of the frequency at the middle.
+    pub half_width: f64,
+    /// Coefficients of the powers 0 to 3 of the frequency's share over that half-width, C.
+    pub coefficients_c: [f64; 4],
+    /// Spread of the slope, as a share.
+    pub slope_std: f64,
+    /// Spread of the quadratic and the cubic coefficient, C.
+    pub curvature_std_c: [f64; 2],
+}
+
+impl DesignCurve {
+    /// Of the curves of some units between two temperatures, C. `None` for fewer than two curves, or curves that do not reach these temperatures.
+    #[must_use]
+    pub fn of(curves: &[TemperatureCurve], [low_c, high_c]: [f64; 2]) -> Option<Self> {
+        let middle_c = 0.5 * (low_c + high_c);
+        let at_middle: Vec<f64> = curves.iter().map(|c| c.frequency_hz(middle_c)).collect::<Option<_>>()?;
+        let width = |(c, f0): (&TemperatureCurve, &f64)| {
+            Some((c.frequency_hz(high_c)? - c.frequency_hz(low_c)?).abs() / (2.0 * f0))
+        };
+        let widths: Vec<f64> = curves.iter().zip(&at_middle).map(width).collect::<Option<_>>()?;
+        let half_width = mean(&widths);
+        let shares: Vec<f64> = (-20..=20).map(|k| f64::from(k) / 20.0).collect();
+        let powers = lsq::powers(&shares, 3);
+        let each: Vec<Vec<f64>> = curves
+            .iter()
+            .zip(&at_middle)
+            .map(|(c, f0)| {
+                let t: Vec<f64> =
+                    shares.iter().map(|u| f64::from(c.temperature_c(f0 * (1.0 + u * half_width)))).collect();
+                lsq::fit(&powers, &t, None, &["1", "u", "u^2", "u^3"]).ok().map(|f| f.coefficients)
+            })
+            .collect::<Option<_>>()?;
+        let of = |k: usize| each.iter().map(|c| c[k]).collect::<Vec<f64>>();
+        // (Of a new unit: the mean of so many is uncertain itself.)
+        let wider = (1.0 + 1.0 / curves.len() as f64).sqrt();
+        let std = |k: usize| std_dev(&of(k)) * wider;
+        let slope = mean(&of(1));
+        (curves.len() > 1).then(|| Self {
+            half_width,
+            coefficients_c: std::array::from_fn(|k| mean(&of(k))),
+            slope_std: (std(1) / slope).abs().max(1e-5),
+            curvature_std_c: [std(2).max(1e-3), std(3).max(1e-3)],
+        })
+    }
+
+    /// As the curve of a unit with a frequency at the middle temperature, Hz.
+    fn at(&self, middle_hz: f64) -> TemperatureCurve {
+        let c = self.coefficients_c.map(|v| v as f32);
+        TemperatureCurve {
+            frequency_centre_hz: middle_hz,
+            frequency_scale_hz: (middle_hz * self.half_width) as f32,
+            temperature_coefficients_c: c,
+            valid_from_c: c[0] - c[1].abs(),
+            valid_to_c: c[0] + c[1].abs(),
+        }
+    }
+
+    /// The curve of a unit of the design from its runs: that of the highest probability under the design and its case sensors, and the time constant
+    /// by which the resonator follows its case, s.
+    ///
+    /// # Errors
+    /// Too few rows.
+    fn of_unit(&self, runs: &[Steps], sensors: &[Vec<f32>], a: usize) -> Result<(TemperatureCurve, f64), BadInput> {
+        let seconds: usize = runs.iter().map(Steps::len).sum();
+        let independent = (seconds as f64 / ALIKE_S).max(1.0);
+        let with = |tau: f64| -> Result<Near, BadInput> {
+            let pairs = Pairs::new(runs, sensors, a, &[tau]);
+            let like = self.through(&pairs)?;
+            let straight = near(&pairs, &like, None)?;
+            let scale = f64::from(like.frequency_scale_hz) / (like.frequency_centre_hz * self.half_width);
+            let [square, cube] = self.curvature_std_c;
+            let spread = Spread { slope: self.slope_std, curvature_c: [square * scale.powi(2), cube * scale.powi(3)] };
+            near(&pairs, &like, Some((spread, straight.left_c2 / independent)))
+        };
+        let lag = least(|tau| with(tau).map_or(f64::INFINITY, |n| n.left_c2), LONGEST_LAG_S);
+        Ok((with(lag)?.curve, lag))
+    }
+
+    /// The design's curve with the middle frequency that the pairs are nearest to, about the middle of their own frequencies.
+    fn through(&self, pairs: &Pairs) -> Result<TemperatureCurve, BadInput> {
+        let own = fit_inverse(&pairs.frequency_hz, &pairs.temperature_c, Some(&pairs.weights), 1)?;
+        let mut middle_hz = own.frequency_hz(self.coefficients_c[0]).unwrap_or(own.frequency_centre_hz);
+        for _ in 0..4 {
+            let like = self.at(middle_hz);
+            let all: f64 = pairs.weights.iter().sum();
+            let rows = pairs.frequency_hz.iter().zip(&pairs.temperature_c).zip(&pairs.weights);
+            let off: f64 = rows.map(|((f, t), w)| w * (t - f64::from(like.temperature_c(*f)))).sum::<f64>() / all;
+            // (A temperature that reads higher is a middle at a lower frequency.)
+            middle_hz -= off / f64::from(like.slope_c_per_hz(middle_hz));
+        }
+        let like = self.at(middle_hz);
+        let (centre, scale) = (own.frequency_centre_hz, f64::from(own.frequency_scale_hz));
+        let f: Vec<f64> = (-20..=20).map(|k| centre + scale * f64::from(k) / 20.0).collect();
+        let t: Vec<f64> = f.iter().map(|f| f64::from(like.temperature_c(*f))).collect();
+        fit_inverse(&f, &t, None, 3)
+    }
+}
+
+/// The curves of a unit of a design, of which each axis' curve is known with its spread. `None` where there is a resonator without a case sensor, or an axis
+/// without a known curve.
+///
+/// # Errors
+/// If the runs span too little temperature.
+pub fn of_design(runs: &[Steps], designs: &[Option<DesignCurve>; AXES]) -> Result<Option<Identified>, BadInput> {
+    if runs.iter().any(|s| s.thermometer.is_sensor() || s.thermometer == Thermometer::None) {
+        return Ok(None);
+    }
+    let mut curves = Calibration::uncalibrated().axes.map(|a| a.curve);
+    let mut lag_s = [0.0; AXES];
+    for a in (0..AXES).filter(|&a| runs.iter().any(|s| !s.absent[a])) {
+        let Some(design) = &designs[a] else { return Ok(None) };
+        if runs.iter().any(|s| s.case_c[a].iter().filter(|x| x.is_finite()).count() <= 100) {
+            return Ok(None);
+        }
+        let (low, high) = span(runs, a, NARROWEST_HZ)?;
+        let sensors: Vec<Vec<f32>> = runs.iter().map(|s| s.case_c[a].clone()).collect();
+        let (mut curve, lag) = design.of_unit(runs, &sensors, a)?;
+        if !plausible(&curve, low, high) {
+            return Ok(None);
+        }
+        let ends = [curve.temperature_c(low), curve.temperature_c(high)];
+        (curve.valid_from_c, curve.valid_to_c) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
+        (curves[a], lag_s[a]) = (curve, lag);
+    }
+    Ok(Some(Identified { curves, reference: Reference::Case, lag_s }))
 }
 
 /// True where the slope at the middle of a curve is one of fused silica.

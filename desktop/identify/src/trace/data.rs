@@ -1,8 +1,9 @@
 //! Data of the search: block means of rates and regressors, and the library of candidate columns.
 
+use super::model::TEMPERATURE_TERMS;
 use super::noise::{Filters, Growth};
 use crate::fit::baseline_columns;
-use hrg_core::bias::Scaling;
+use hrg_core::bias::{Scaling, TERMS};
 use hrg_core::effects::{self, EffectId, Facts, Running, MAX_OUTPUTS};
 use hrg_core::inputs::{Input, Quantities, QuantitySet};
 use hrg_core::{AXES, MODEL_STEP_S};
@@ -206,7 +207,41 @@ impl<'a> Data<'a> {
     /// Cuts runs into blocks: about 600 in all, of 21 to 99 s.
     pub fn new(runs: &'a [Run], scaling: Scaling, lag_s: f64) -> Self {
         let total: usize = runs.iter().map(|r| r.steps.len()).sum();
-        Self::cut(runs, scaling, lag_s as f32, (total / 1800).clamp(7, 33))
+        Self::cut(runs, scaling, lag_s as f32, Self::coarse_s(total))
+    }
+
+    /// Cuts runs into blocks of three times so many seconds.
+    pub fn in_blocks(runs: &'a [Run], scaling: Scaling, lag_s: f64, coarse_s: usize) -> Self {
+        Self::cut(runs, scaling, lag_s as f32, coarse_s)
+    }
+
+    /// Third of a block, s, for runs of so many seconds in all.
+    #[must_use]
+    pub fn coarse_s(total_s: usize) -> usize {
+        (total_s / 1800).clamp(7, 33)
+    }
+
+    /// Runs of different units: each has a baseline of its own, of which nothing is known.
+    pub fn of_units(runs: &'a [Run], scaling: Scaling, lag_s: f64) -> Self {
+        let mut data = Self::new(runs, scaling, lag_s);
+        for rows in &mut data.axes {
+            let whole = rows.base[..TERMS].to_vec();
+            let of_run = |run: usize, column: usize| {
+                let mut out = vec![0.0; whole[column].len()];
+                let range = rows.run(run);
+                out[range.clone()].copy_from_slice(&whole[column][range]);
+                out
+            };
+            let free = TEMPERATURE_TERMS;
+            let mut base: Vec<Vec<f64>> = (0..free).map(|j| of_run(0, j)).collect();
+            // (Its place is that of the ramp terms that all runs share; those of each run span them.)
+            base.extend(whole[free..].iter().cloned());
+            for run in 0..runs.len() {
+                base.extend((if run == 0 { free } else { 0 }..TERMS).map(|j| of_run(run, j)));
+            }
+            rows.base = base;
+        }
+        data
     }
 
     /// A run that judges, cut into the same blocks.
@@ -253,7 +288,7 @@ impl<'a> Data<'a> {
                 keep: vec![],
                 starts: vec![],
                 y: vec![],
-                base: vec![vec![]; hrg_core::bias::TERMS],
+                base: vec![vec![]; TERMS],
                 filters: Filters::default(),
                 happened: vec![],
             };
@@ -273,7 +308,7 @@ impl<'a> Data<'a> {
                     let mean = |v: &[f64]| good.iter().map(|&k| v[k]).sum::<f64>() / good.len() as f64;
                     rows.keep.push(first + b);
                     rows.y.push(mean(&run.steps.rate_dph[a]));
-                    let (baseline, days) = rows.base.split_at_mut(hrg_core::bias::TERMS);
+                    let (baseline, days) = rows.base.split_at_mut(TERMS);
                     for (to, from) in baseline.iter_mut().zip(&columns) {
                         to.push(mean(from));
                     }

@@ -19,7 +19,11 @@ const TRIED: [f64; 4] =
 /// # Errors
 /// Data that cannot hold the baseline down.
 pub(super) fn data(prepared: &Prepared) -> Result<Data<'_>, BadInput> {
-    let data = Data::new(&prepared.runs, prepared.calibration.scaling, prepared.mean_lag_s());
+    let (runs, scaling, lag_s) = (&prepared.runs, prepared.calibration.scaling, prepared.mean_lag_s());
+    let data = match prepared.coarse_s {
+        Some(coarse_s) => Data::in_blocks(runs, scaling, lag_s, coarse_s),
+        None => Data::new(runs, scaling, lag_s),
+    };
     let left = Fitted::plain(&data)?.left(&data, &|_| true);
     let growth = [0, 1, 2].map(|a: usize| of_axis(&data, &left[a], a));
     Ok(data.with_growth(growth))

@@ -22,7 +22,7 @@ pub mod model;
 pub mod noise;
 pub mod odds;
 mod proposals;
-mod regression;
+pub mod regression;
 pub mod report;
 mod report_text;
 mod run_in;
@@ -30,7 +30,7 @@ pub mod search;
 pub mod separable;
 mod shapes;
 mod stated;
-mod uncertainty;
+pub mod uncertainty;
 mod unseen;
 pub mod user_effects;
 
@@ -38,6 +38,8 @@ pub use html::{html, html_with};
 
 pub use report::{json, Found, Image, Report, Rms, VerdictKind};
 
+use crate::family::member;
+use crate::family::Family;
 use crate::fit;
 use crate::fit::enough_data;
 use crate::fit::independence;
@@ -83,6 +85,9 @@ pub struct Options {
     pub judge: Option<Recording>,
     /// Effects of the caller's own.
     pub own: Vec<user_effects::OwnEffect>,
+    /// The family that the unit is of: its image is that of the highest probability under it, where the unit belongs to it and the family says more of the
+    /// unit than the train runs do.
+    pub family: Option<Family>,
 }
 
 /// Everything that came of a trace.
@@ -250,8 +255,10 @@ fn judged(
     let whole = Prediction::new(&on_verify.data, &fitted, &uncertain, &known);
     let finder = OnVerify { data, verify: &on_verify.data, run: verify_run, known: &known };
     let effects = finder.found(&search, &learnt, &fitted, &uncertain.stated, &whole)?;
-    let written =
-        written(&mut search, &learnt, &plain, (&on_verify, on_judge.as_ref()), &known, &calibration, &mut notes)?;
+    let (prior, better) = of_family(options, prepared, &fitted, data, &learnt)?;
+    notes.splice(0..0, prior.as_ref().map(|p| p.sentence.clone()));
+    let judges = (&on_verify, on_judge.as_ref());
+    let written = written(&mut search, &learnt, (&plain, better), judges, &known, &calibration, &mut notes)?;
     let verify_repeats_train = runs.iter().any(|run| independence::repeats(verify_run, run));
     let mut report = Report {
         exchanged: second(options, verify, verify_run, &effects),
@@ -286,6 +293,7 @@ fn judged(
         judged_by: if judge_run.is_some() { "judge" } else { "verify" },
         verify_repeats_train,
         turn_on: turn_on(&fitted),
+        prior,
         noise_growth: by_axis(|a| data.growth[a].by.exp()),
         advice: Vec::new(),
         notes,
@@ -367,18 +375,39 @@ fn structure(
     (left, floor_ratio)
 }
 
-/// The image: what a unit can compute of the model, beside the baseline with the events of the train runs.
+/// A fit that says more than the search's, with its uncertainty.
+type Better = (Fitted, uncertainty::Known);
+
+/// The unit under its family, against what the search has found: what is said of it, and its fit where that says more.
+fn of_family(
+    options: &Options,
+    prepared: &Prepared,
+    fitted: &Fitted,
+    data: &Data<'_>,
+    learnt: &Learnt,
+) -> Result<(Option<report::Prior>, Option<Better>), BadInput> {
+    let Some(family) = &options.family else { return Ok((None, None)) };
+    let log_prior = learnt.model.members.iter().map(|m| m.score.log_prior).sum();
+    let member = family.member(prepared, member::of_fit(data, fitted, log_prior))?;
+    let prior = report::Prior::of(family, &member);
+    Ok((Some(prior), member.is_better().then_some((member.fitted, member.known))))
+}
+
+/// The image: what a unit can compute of the model (or the family of it, where that says more), beside the baseline with the events of the train runs.
 fn written(
     search: &mut Search<'_>,
     learnt: &Learnt,
-    plain: &Fitted,
+    (plain, of_family): (&Fitted, Option<Better>),
     (verify, judge): (&Unseen<'_>, Option<&Unseen<'_>>),
     known: &dyn Fn(&Candidate) -> bool,
     calibration: &Calibration,
     notes: &mut Vec<String>,
 ) -> Result<image::Written, BadInput> {
     let data = search.data();
-    let (mut extended, extended_known) = image::fitted(data, &learnt.for_unit(search))?;
+    let (mut extended, extended_known) = match of_family {
+        Some(better) => better,
+        None => image::fitted(data, &learnt.for_unit(search))?,
+    };
     start_verify_run(&mut extended, &extended_known, &verify.data, known);
     start_as_a_unit(&mut extended);
     let (beside, beside_known) = image::fitted(data, &search.events_of(&learnt.model).specification())?;
@@ -540,7 +569,10 @@ fn ready(train: &[Recording], verify: &Recording, options: &Options) -> Result<(
     let all: Vec<&Recording> = train.iter().chain(unseen.iter().map(|(r, _)| *r)).collect();
     let note = independence::same_unit(&all, options.units)?;
     facts::agree(&all)?;
-    let mut prepared = prepare_for(train, options.units)?;
+    let mut prepared = match &options.family {
+        Some(family) => family.prepare(train, options.units)?,
+        None => prepare_for(train, options.units)?,
+    };
     prepared.notes.extend(note);
     for r in train {
         unseen.iter().try_for_each(|u| independence::require(&[(r, "train"), *u]))?;

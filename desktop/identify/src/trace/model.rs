@@ -161,7 +161,8 @@ pub struct AxisFit {
 }
 
 impl AxisFit {
-    fn absent(count: usize) -> Self {
+    /// Of an axis without data.
+    pub(crate) fn absent(count: usize) -> Self {
         let zeros = vec![0.0; count];
         let covariance = DMatrix::zeros(count, count);
         Self {
@@ -174,7 +175,13 @@ impl AxisFit {
         }
     }
 
-    fn new(mut coefficients: Vec<f64>, covariance: DMatrix<f64>, days: usize, posterior: Option<Posterior>) -> Self {
+    /// From coefficients with the constants of the days behind them, and the covariance of both.
+    pub(crate) fn new(
+        mut coefficients: Vec<f64>,
+        covariance: DMatrix<f64>,
+        days: usize,
+        posterior: Option<Posterior>,
+    ) -> Self {
         let std = (0..coefficients.len() - days).map(|j| covariance[(j, j)].max(0.0).sqrt()).collect();
         let days = coefficients.split_off(coefficients.len() - days);
         Self { coefficients, std, days, covariance, of_days: OfDays::default(), posterior }
@@ -229,7 +236,8 @@ impl Fitted {
         })
     }
 
-    fn by(
+    /// By any fit of an axis: it is given the axis, its columns and the number of days behind them.
+    pub(crate) fn by(
         data: &Data<'_>,
         model: &Specification,
         fit: impl Fn(usize, Columns, usize) -> Result<AxisFit, BadInput>,

@@ -43,13 +43,25 @@ pub struct Posterior {
 /// The posterior of the coefficients of some columns on the rows of an axis. `prior`: variance of each coefficient about zero before the
 /// data are seen, over that of the whitened noise; `None`: unbounded. `None` where the columns cannot be told apart.
 pub fn posterior(rows: &AxisRows, columns: &[Vec<f64>], prior: &[Option<f64>]) -> Option<Posterior> {
+    let mut each = under_each(rows, columns, prior);
+    let all = |each: &[(f64, Under)]| log_sum(&each.iter().map(|e| e.0).collect::<Vec<_>>());
+    let evidence = all(&each);
+    each.retain(|e| (e.0 - evidence).exp() > NEGLIGIBLE);
+    let kept = all(&each);
+    let each: Vec<Under> = each.into_iter().map(|(l, under)| Under { weight: (l - kept).exp(), ..under }).collect();
+    (!each.is_empty()).then(|| Posterior::of(each, evidence))
+}
+
+/// The fit under each noise model, with the log of its restricted likelihood times its probability before the data are seen. Fewer where the columns
+/// cannot be told apart.
+pub fn under_each(rows: &AxisRows, columns: &[Vec<f64>], prior: &[Option<f64>]) -> Vec<(f64, Under)> {
     let (n, p) = (rows.y.len(), columns.len());
     let free = n as f64 - prior.iter().filter(|v| v.is_none()).count() as f64;
     if free < 2.0 {
-        return None;
+        return Vec::new();
     }
     let spread = prior.iter().flatten().map(|v| v.max(1e-300).ln()).sum::<f64>();
-    let mut each: Vec<(f64, Under)> = NOISE_MODELS
+    NOISE_MODELS
         .iter()
         .enumerate()
         .filter_map(|(noise_model, noise)| {
@@ -88,20 +100,18 @@ pub fn posterior(rows: &AxisRows, columns: &[Vec<f64>], prior: &[Option<f64>]) -
             let under = Under { noise_model, weight: 0.0, variance_dph2, coefficients, covariance, free };
             finite.then_some((likelihood, under))
         })
-        .collect();
-    let all = |each: &[(f64, Under)]| log_sum(&each.iter().map(|e| e.0).collect::<Vec<_>>());
-    let evidence = all(&each);
-    each.retain(|e| (e.0 - evidence).exp() > NEGLIGIBLE);
-    let kept = all(&each);
-    let each: Vec<Under> = each.into_iter().map(|(l, under)| Under { weight: (l - kept).exp(), ..under }).collect();
-    if each.is_empty() {
-        return None;
+        .collect()
+}
+
+impl Posterior {
+    /// From the fits under some noise models, whose weights add up to 1.
+    pub fn of(each: Vec<Under>, evidence: f64) -> Self {
+        let coefficients: DVector<f64> = each.iter().map(|u| &u.coefficients * u.weight).sum();
+        let mut covariance = DMatrix::zeros(coefficients.len(), coefficients.len());
+        for u in &each {
+            let apart = &u.coefficients - &coefficients;
+            covariance += (&u.covariance + &apart * apart.transpose()) * u.weight;
+        }
+        Self { each, coefficients, covariance, evidence }
     }
-    let coefficients: DVector<f64> = each.iter().map(|u| &u.coefficients * u.weight).sum();
-    let mut covariance = DMatrix::zeros(p, p);
-    for u in &each {
-        let apart = &u.coefficients - &coefficients;
-        covariance += (&u.covariance + &apart * apart.transpose()) * u.weight;
-    }
-    Some(Posterior { each, coefficients, covariance, evidence })
 }

@@ -2,6 +2,8 @@
 
 use super::floor::Ratio;
 use super::judge::Agreement;
+use crate::family::member::Member;
+use crate::family::Family;
 use hrg_core::calibration::Calibration;
 use hrg_core::effects::EffectId;
 use hrg_core::inputs::{self, Input};
@@ -273,6 +275,36 @@ pub fn cleaned<'r>(recordings: impl IntoIterator<Item = (String, &'r Recording)>
     out
 }
 
+/// What a family says of a unit.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Prior {
+    /// Its name.
+    pub family: String,
+    /// Units that it was learnt from.
+    pub units: usize,
+    /// The unit belongs to it.
+    pub belongs: bool,
+    /// The image is that under the family.
+    pub used: bool,
+    /// By axis: log odds of the family against what the train runs say by themselves.
+    pub log_odds: ByAxis<f64>,
+    /// The same in a sentence.
+    pub sentence: String,
+}
+
+impl Prior {
+    pub(super) fn of(family: &Family, member: &Member) -> Self {
+        Self {
+            family: family.name.clone(),
+            units: family.sources.len(),
+            belongs: member.belongs(),
+            used: member.is_better(),
+            log_odds: by_axis(|a| member.evidence[a].map_or(f64::NAN, |e| e.family - e.own)),
+            sentence: member.sentence(family),
+        }
+    }
+}
+
 /// The report of `hrg trace`.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
@@ -337,6 +369,8 @@ pub struct Report {
     pub notes: Vec<String>,
     /// With several train runs, the constant of each against their mean, deg/h; else empty.
     pub turn_on: ByAxis<TurnOn>,
+    /// The family that was offered; `null` where none was.
+    pub prior: Option<Prior>,
     /// Deviation of the white noise at the highest temperature of the train runs over that at the lowest; 1: the same everywhere.
     pub noise_growth: ByAxis<f64>,
     /// Counts of values taken out of the files.

@@ -87,6 +87,7 @@ impl Joint {
 }
 
 /// The uncertainty of a fitted model on the rows that it was fitted to.
+#[derive(Debug)]
 pub struct Known {
     /// Refined parameters.
     pub refined: Vec<Refined>,
@@ -124,6 +125,16 @@ pub fn of(data: &Data<'_>, fitted: &Fitted) -> Known {
         Some(stated(data, fitted, a, j, &p.covariance, &refined, &information))
     });
     Known { refined, posteriors, stated }
+}
+
+/// The same where the posterior is given: each effect keeps its parameters.
+pub fn given(data: &Data<'_>, fitted: &Fitted) -> Known {
+    let posteriors = fitted.axes.each_ref().map(|fit| fit.posterior.clone());
+    let stated = [0, 1, 2].map(|a: usize| {
+        let covariance = &posteriors[a].as_ref()?.covariance;
+        Some(stated(data, fitted, a, &Joint::new(data, fitted, &[], a), covariance, &[], &[]))
+    });
+    Known { refined: Vec::new(), posteriors, stated }
 }
 
 /// The same of the baseline by plain least squares: (X'X)^-1 X' N X (X'X)^-1 under the noise that generalised least squares find.

@@ -28,15 +28,19 @@ use hrg_simulate::Profile;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 /// The first inputs are waited for so long.
 const FEED_WITHIN: Duration = Duration::from_secs(10);
 
-/// Set by Ctrl-C.
+/// Set by Ctrl-C, for as many recordings as the program makes.
 fn interrupted() -> Result<Arc<AtomicBool>> {
-    let flag = Arc::new(AtomicBool::new(false));
+    static FLAG: OnceLock<Arc<AtomicBool>> = OnceLock::new();
+    if let Some(flag) = FLAG.get() {
+        return Ok(flag.clone());
+    }
+    let flag = FLAG.get_or_init(Arc::default).clone();
     let set = flag.clone();
     ctrlc::set_handler(move || set.store(true, Ordering::Relaxed))?;
     Ok(flag)
@@ -248,20 +252,31 @@ impl<'a> Recording<'a> {
 
 /// `hrg record --port`.
 pub fn record_port(port: &str, out: &Path, seconds: Option<u64>, arguments: &RecordArguments) -> Result<()> {
+    record_until(port, out, arguments, |rows| Ok(seconds.is_some_and(|s| rows >= s))).map(drop)
+}
+
+/// Records until it is enough, as `enough` says of the rows; `false` if Ctrl-C came first.
+pub fn record_until(
+    port: &str,
+    out: &Path,
+    arguments: &RecordArguments,
+    mut enough: impl FnMut(u64) -> Result<bool>,
+) -> Result<bool> {
     let stop = interrupted()?;
     let bar = indicatif::ProgressBar::new_spinner();
     let mut unit = Unit::open(port)?;
     let mut recording = Recording::start(&mut unit, port, out, arguments)?;
     let start = Instant::now();
-    let enough = |rows: u64| seconds.is_some_and(|s| rows >= s);
     let mut lost: Option<Instant> = None;
-    while !stop.load(Ordering::Relaxed) && !enough(recording.recorder.rows()) {
+    let mut finished = enough(recording.recorder.rows())?;
+    while !finished && !stop.load(Ordering::Relaxed) {
         // (A cable that is out shows in what comes.)
         let _ = recording.send_inputs(&mut unit);
         match unit.next(Duration::from_millis(if recording.feed.is_some() { 100 } else { 500 })) {
             Ok(Some(Message::Housekeeping(h))) => {
                 lost = None;
                 recording.second(&mut unit, &h)?;
+                finished = enough(recording.recorder.rows())?;
                 let recorder = &recording.recorder;
                 bar.set_message(format!(
                     "{}: {} rows, {} gaps, {:.1} h; T {:.2} {:.2} {:.2} C; {} bad frames",
@@ -293,7 +308,7 @@ pub fn record_port(port: &str, out: &Path, seconds: Option<u64>, arguments: &Rec
     }
     bar.finish_and_clear();
     report(&recording.recorder);
-    Ok(())
+    Ok(finished)
 }
 
 pub(crate) fn report(recorder: &Recorder) {
@@ -320,6 +335,14 @@ pub struct BurnArguments {
     /// The key that signs the image (hrg unit keygen), for a unit whose firmware wants it.
     #[arg(long)]
     key: Option<PathBuf>,
+}
+
+impl BurnArguments {
+    /// A calibration for a unit whose name both know.
+    pub fn of(calibration: &Path, port: &str) -> Self {
+        let (calibration, port) = (calibration.to_path_buf(), port.to_string());
+        Self { calibration, port, unit: None, new_scale_factor: false, key: None }
+    }
 }
 
 /// A unit that fails in the middle of a burn is asked for so long what it holds.

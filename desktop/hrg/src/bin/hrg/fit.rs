@@ -5,14 +5,18 @@ use crate::wait::with_a_bar;
 use crate::{now, units};
 use anyhow::Result;
 use clap::Args;
+use hrg_core::calibration::Calibration;
+use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
 use hrg_data::image_file;
+use hrg_identify::family::Family;
 use hrg_identify::fit;
 use hrg_identify::fit::enough_data;
 use hrg_papers::history::csv;
 use hrg_papers::method::Method;
 use hrg_papers::methods;
+use hrg_papers::methods::Identified;
 use std::path::PathBuf;
 
 /// Arguments of `hrg fit`.
@@ -38,6 +42,10 @@ pub struct Arguments {
     /// With --rates or --accelerometers: runs that the fit does not see; before and after are printed on them.
     #[arg(long, requires = "added")]
     verify: Vec<PathBuf>,
+    /// A family of units of the same design (hrg family): the coefficients are those of the highest probability under it and the recordings. A unit
+    /// that does not belong to it is said so and fitted without.
+    #[arg(long, value_name = "FAMILY", conflicts_with_all = ["added", "method", "uniform", "breakpoint", "degree", "history"])]
+    prior: Option<PathBuf>,
     /// Method of identification (docs/methods.md)
     #[arg(long, default_value = "lsq")]
     method: Method,
@@ -85,14 +93,37 @@ pub fn run(arguments: Arguments) -> Result<()> {
         return added(runs, calibration, verify, &out);
     }
     let Arguments {
-        recordings, method, seed, uniform, curve, breakpoint, degree, history, different_units, facts, ..
+        recordings,
+        method,
+        seed,
+        uniform,
+        prior,
+        curve,
+        breakpoint,
+        degree,
+        history,
+        different_units,
+        facts,
+        ..
     } = arguments;
     let recordings = facts.load(&recordings)?;
     let known = curve.as_deref().map(image_file::load).transpose()?.map(|c| c.axes.map(|a| a.curve));
     let prepared = fit::prepare_with(&recordings, units(different_units), known)?;
     let options = hrg_papers::method::Options { seed, uniform, breakpoint_c: breakpoint, degree };
-    let mut found =
-        with_a_bar(&format!("fitting by {method}"), || methods::identify_with(&prepared, method, &options))?;
+    let (mut by, mut about, mut image) = (method.to_string(), Vec::new(), None);
+    if let Some(family) = prior.as_deref().map(hrg::fleet::read_family).transpose()? {
+        (image, about) = under(&family, &family.prepare(&recordings, units(different_units))?)?;
+        by = if image.is_some() { format!("the family {}", family.name) } else { by };
+    }
+    let identified =
+        || with_a_bar(&format!("fitting by {method}"), || methods::identify_with(&prepared, method, &options));
+    let mut found = match image {
+        Some(calibration) => {
+            Identified { calibration, parameters: 0, seconds: 0.0, notes: Vec::new(), history: Vec::new() }
+        }
+        None => identified()?,
+    };
+    found.notes.splice(0..0, about);
     if let Some(history) = history {
         if found.history.is_empty() {
             return Err(BadInput(format!(
@@ -126,6 +157,14 @@ pub fn run(arguments: Arguments) -> Result<()> {
     for n in found.notes.iter().chain(&prepared.notes) {
         println!("note: {n}");
     }
-    println!("{}: {method}, image {:08x}", out.display(), found.calibration.checksum());
+    println!("{}: {by}, image {:08x}", out.display(), found.calibration.checksum());
     Ok(())
+}
+
+/// The image of a unit under a family, and what is said about it; none of a unit that does not belong to it.
+fn under(family: &Family, prepared: &fit::Prepared) -> Result<(Option<Calibration>, Vec<String>)> {
+    let member = family.member(prepared, [None; AXES])?;
+    let mut notes = vec![member.sentence(family)];
+    let image = member.belongs().then(|| family.image(&member, prepared, &mut notes));
+    Ok((image, notes))
 }

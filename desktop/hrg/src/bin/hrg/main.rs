@@ -14,6 +14,7 @@ mod accelerometers;
 mod align;
 mod allan;
 mod anonymise;
+mod calibrate;
 mod chamber;
 mod colour;
 mod compare;
@@ -21,7 +22,9 @@ mod correct;
 mod effects;
 mod export;
 mod facts;
+mod family;
 mod fit;
+mod fleet;
 mod forces;
 mod heading;
 mod images;
@@ -101,6 +104,10 @@ enum Command {
     ///
     /// Example: hrg simulate --profile dong --effect hysteresis:width_c=10,size=3 --seed 7 --out run.csv
     Simulate(simulate::Arguments),
+    /// Calibrate a unit in one go: test, train run, verify run, fit, trace, judge, burn, report. Stopped at any step, it goes on there.
+    ///
+    /// Example: hrg calibrate --port /dev/ttyUSB0 --profile cycle --limit 1 --from -40 --to 50 --folder HRG-7
+    Calibrate(calibrate::Arguments),
     /// Say whether a unit stays within a limit over a range of temperatures: PASS, FAIL or NOT COVERED (exit status 0, 3, 4).
     ///
     /// Example: hrg judge b.csv --calibration cal.toml --limit 1 --from -40 --to 60 --html judged.html
@@ -140,6 +147,15 @@ enum Command {
         #[command(flatten)]
         arguments: fit::Arguments,
     },
+    /// Learn what the units of one design share, for the next one: fewer hours in the chamber with hrg fit --prior.
+    ///
+    /// Example: hrg family units/*.csv -o design-a.json
+    Family(family::Arguments),
+    /// Look at many units at once: a table with a row for each (Parquet), distributions, outliers, batches, calibrations that have aged. A run that was
+    /// stopped goes on where it was.
+    ///
+    /// Example: hrg fleet units -o out/fleet
+    Fleet(fleet::Arguments),
     /// Find the effects that the baseline model lacks, add them, and measure before and after on a run that the search never saw.
     ///
     /// Example: hrg trace a.csv --verify b.csv -o report.json --html report.html --calibration cal.toml
@@ -296,8 +312,8 @@ const NOT_REACHED: u8 = 3;
 /// Commands by purpose, as the help lists them.
 const GROUPS: [(&str, &[&str]); 7] = [
     ("Get data", &["import", "record", "monitor", "simulate", "anonymise"]),
-    ("Judge", &["judge", "report", "allan", "correct", "profile"]),
-    ("Calibrate", &["fit", "trace", "compare-images", "export"]),
+    ("Judge", &["judge", "report", "fleet", "allan", "correct", "profile"]),
+    ("Calibrate", &["calibrate", "fit", "trace", "family", "compare-images", "export"]),
     ("The unit", &["unit"]),
     ("Alignment", &["align"]),
     ("Study", &["effects", "compare"]),
@@ -390,6 +406,7 @@ fn run(command: Command, status: &mut ExitCode) -> Result<()> {
             None => chamber::monitor(&arguments),
         },
         Command::Simulate(arguments) => simulate::run(arguments),
+        Command::Calibrate(arguments) => reached(calibrate::run(&arguments), status),
         Command::Judge(arguments) => {
             *status = ExitCode::from(judge::run(&arguments)?.exit_status());
             Ok(())
@@ -408,12 +425,9 @@ fn run(command: Command, status: &mut ExitCode) -> Result<()> {
         }
         Command::Fit { of: Some(FitCommand::Lag(arguments)), .. } | Command::Lag(arguments) => lag::run(&arguments),
         Command::Fit { of: None, arguments } => fit::run(arguments),
-        Command::Trace(arguments) => {
-            if !trace::run(arguments)? {
-                *status = ExitCode::from(NOT_REACHED);
-            }
-            Ok(())
-        }
+        Command::Family(arguments) => family::run(&arguments),
+        Command::Fleet(arguments) => fleet::run(&arguments),
+        Command::Trace(arguments) => reached(trace::run(arguments), status),
         Command::Compare(arguments) => compare::run(arguments),
         Command::CompareImages(arguments) => images::run(&arguments),
         Command::Unit(UnitCommand::Burn(arguments)) | Command::Burn(arguments) => chamber::burn(&arguments),
@@ -455,6 +469,14 @@ fn run(command: Command, status: &mut ExitCode) -> Result<()> {
             Ok(())
         }
     }
+}
+
+/// The exit status of a command that may end without what it was to reach.
+fn reached(done: Result<bool>, status: &mut ExitCode) -> Result<()> {
+    if !done? {
+        *status = ExitCode::from(NOT_REACHED);
+    }
+    Ok(())
 }
 
 /// Prints to standard output. Once nobody reads it any more, nothing is printed.

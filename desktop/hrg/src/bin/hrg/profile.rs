@@ -1,5 +1,6 @@
 //! `hrg profile`: which chamber profile tells the effects apart.
 
+use crate::wait::with_a_bar;
 use anyhow::Result;
 use clap::Args;
 use hrg::profiles;
@@ -9,7 +10,7 @@ use hrg_data::error::BadInput;
 use hrg_data::load::load_recording;
 use hrg_identify::trace::separable;
 use hrg_simulate::{Leg, Profile, PROFILES};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Arguments of `hrg profile`.
 #[derive(Args)]
@@ -23,6 +24,27 @@ pub struct Arguments {
     /// Judge this recording instead of the named profiles. Several are judged together.
     #[arg(long)]
     check: Vec<PathBuf>,
+    /// Design the shortest run for the next unit of this family (hrg family).
+    #[arg(long, value_name = "FAMILY", conflicts_with_all = ["wanted", "rates", "check", "profile"])]
+    prior: Option<PathBuf>,
+    /// With --prior: standard uncertainty of the bias that is enough, about its constant, deg/h.
+    #[arg(long, requires = "prior", default_value_t = 0.1)]
+    limit: f64,
+    /// With --prior: coldest temperature of the chamber, C; by default that of the family.
+    #[arg(long, requires = "prior", allow_negative_numbers = true)]
+    from: Option<f64>,
+    /// With --prior: hottest temperature of the chamber, C; by default that of the family.
+    #[arg(long, requires = "prior", allow_negative_numbers = true)]
+    to: Option<f64>,
+    /// With --prior: the chamber's fastest ramp, C/min.
+    #[arg(long, requires = "prior", default_value_t = 2.0)]
+    ramp: f64,
+    /// With --prior: temperature at power-on, C.
+    #[arg(long, requires = "prior", default_value_t = 20.0, allow_negative_numbers = true)]
+    start: f64,
+    /// With --prior: longest run, h.
+    #[arg(long, requires = "prior", default_value_t = 8.0)]
+    hours: f64,
     /// Judge this profile, written out like 20,-40@1,2h,50@1,2h
     #[arg(long, allow_hyphen_values = true)]
     profile: Option<String>,
@@ -33,7 +55,10 @@ pub struct Arguments {
 /// # Errors
 /// Bad input, or a file that cannot be written.
 pub fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { wanted, rates, check, profile } = arguments;
+    if let Some(prior) = &arguments.prior {
+        return designed(prior, &arguments);
+    }
+    let Arguments { wanted, rates, check, profile, .. } = arguments;
     if rates {
         return crate::rates::profile(&check);
     }
@@ -80,6 +105,52 @@ pub fn run(arguments: Arguments) -> Result<()> {
     if let Some(best) = profiles::best(&judged) {
         println!("\nbest of those that go both ways over 60 C and more: {}. {}", best.name, in_words(&best.profile));
     }
+    Ok(())
+}
+
+/// `hrg profile --prior`: the run for the next unit of a family.
+fn designed(prior: &Path, arguments: &Arguments) -> Result<()> {
+    let family = hrg::fleet::read_family(prior)?;
+    let [low, high] = family.temperatures_c.map(f64::from);
+    let wanted = profiles::Wanted {
+        temperatures_c: [arguments.from.unwrap_or(low), arguments.to.unwrap_or(high)].map(f64::round),
+        fastest_c_per_min: arguments.ramp,
+        start_c: arguments.start,
+        limit_dph: arguments.limit,
+        most_hours: arguments.hours,
+    };
+    let [from, to] = wanted.temperatures_c;
+    let inside =
+        (low - 5.0..=high + 5.0).contains(&from) && (low - 5.0..=high + 5.0).contains(&to) && to - from >= 10.0;
+    if !(inside && arguments.limit > 0.0 && arguments.hours > 0.0 && arguments.ramp > 0.0) {
+        return Err(BadInput(format!(
+            "--from, --to: at least 10 C within {low:.0} to {high:.0} C, where the family {} was learnt; --limit, --ramp and --hours are positive",
+            family.name
+        ))
+        .into());
+    }
+    let found = with_a_bar("designing the run", || profiles::design(&family, &wanted))?;
+    let each = |v: [f64; 3]| v.map(|v| format!("{v:>8.3}")).join("");
+    println!("expected uncertainty of the bias about its constant, deg/h, of the best run of each duration");
+    println!("{:>6}{:>8}{:>8}{:>8}   profile", "hours", "x", "y", "z");
+    println!("{:>6.1}{}   (before any run)", 0.0, each(found.before_dph));
+    for d in &found.each {
+        println!("{:>6.1}{}   {}", d.hours, each(d.expected_dph), d.profile);
+    }
+    println!("the constant differs from day to day by{} deg/h, which no run makes less", each(family.days_dph()));
+    let Some(last) = found.each.last() else {
+        return Err(BadInput::new("--hours: half an hour at the least").into());
+    };
+    let (limit, reached) = (wanted.limit_dph, last.reached_dph());
+    if reached <= limit {
+        println!("the limit of {limit} deg/h is reached: --profile {}", last.profile);
+    } else {
+        println!(
+            "the limit of {limit} deg/h is NOT reached within {} h, {reached:.3} is: --profile {}",
+            wanted.most_hours, last.profile
+        );
+    }
+    println!("{}", in_words(&last.profile));
     Ok(())
 }
 

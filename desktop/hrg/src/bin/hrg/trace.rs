@@ -47,6 +47,10 @@ pub struct Arguments {
     /// The image that the unit has in use: the new one must beat it before it is recommended.
     #[arg(long)]
     in_use: Option<PathBuf>,
+    /// A family of units of the same design (hrg family): the image is that of the highest probability under it, where the unit belongs to it and the family
+    /// says more of it than the train runs do.
+    #[arg(long, value_name = "FAMILY", conflicts_with = "rates")]
+    prior: Option<PathBuf>,
     /// Recommend the burn even if the verify run only repeats the profile of a train run.
     #[arg(long)]
     repeat_is_enough: bool,
@@ -99,6 +103,7 @@ pub fn run(arguments: Arguments) -> Result<bool> {
         limit,
         calibration,
         in_use,
+        prior,
         repeat_is_enough,
         inputs,
         rates,
@@ -125,8 +130,16 @@ pub fn run(arguments: Arguments) -> Result<bool> {
     if let Some(listed) = &inputs {
         train.iter_mut().chain([&mut verify]).chain(&mut judge).try_for_each(|r| r.set_unit_inputs(listed))?;
     }
-    let options =
-        trace::Options { units: units(different_units), in_use, repeat_is_enough, judge, exchange, own: Vec::new() };
+    let family = prior.as_deref().map(hrg::fleet::read_family).transpose()?;
+    let options = trace::Options {
+        units: units(different_units),
+        in_use,
+        repeat_is_enough,
+        judge,
+        exchange,
+        own: Vec::new(),
+        family,
+    };
     let mut t = wait::with_a_bar("tracing", || trace::trace_with(&train, &verify, &options))?;
     if rates.is_some() {
         t.report.notes.push(RATES.into());

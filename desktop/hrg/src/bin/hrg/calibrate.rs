@@ -1,0 +1,344 @@
+//! `hrg calibrate`: a day at the chamber in one command, which can be stopped and goes on where it was.
+
+use crate::chamber::{burn, record_until, BurnArguments, RecordArguments};
+use crate::colour::painted;
+use crate::wait::with_a_bar;
+use anyhow::{Context, Result};
+use clap::Args;
+use hrg::judge::{judge, Limit, Verdict};
+use hrg::profiles;
+use hrg::unit::port::Unit;
+use hrg::unit::self_test;
+use hrg_data::axes::AXIS_NAMES;
+use hrg_data::error::BadInput;
+use hrg_data::image_file;
+use hrg_data::output::write_file;
+use hrg_data::page::{boxed, page, Tone};
+use hrg_data::plot::escape;
+use hrg_data::recording::Recording;
+use hrg_identify::family::design::Over;
+use hrg_identify::family::Family;
+use hrg_identify::fit;
+use hrg_identify::fit::independence::Units;
+use hrg_identify::trace;
+use hrg_simulate::Profile;
+use std::fmt::Write as _;
+use std::io::{IsTerminal, Write as _};
+use std::path::PathBuf;
+
+/// Arguments of `hrg calibrate`.
+#[derive(Args)]
+pub struct Arguments {
+    /// Serial port of the link.
+    #[arg(long)]
+    port: String,
+    /// Profile of the chamber for the run that is learnt from: a named one, or one written out like 20,-40@1,2h,50@1,2h
+    #[arg(long, allow_hyphen_values = true)]
+    profile: String,
+    /// Profile of the run that judges: another one than that.
+    #[arg(long, allow_hyphen_values = true, default_value = "verify")]
+    verify_profile: String,
+    /// Largest error of the corrected rates that passes, deg/h, the constant included.
+    #[arg(short, long)]
+    limit: f64,
+    /// Lowest temperature of the range, C.
+    #[arg(long, allow_negative_numbers = true)]
+    from: f64,
+    /// Highest temperature of the range, C.
+    #[arg(long, allow_negative_numbers = true)]
+    to: f64,
+    /// A family that the unit is of (hrg family): the run that is learnt from ends as soon as three standard uncertainties are within the limit.
+    #[arg(long, value_name = "FAMILY")]
+    prior: Option<PathBuf>,
+    /// Folder for the unit: recordings, calibration, report. What is there already is not done again.
+    #[arg(long)]
+    folder: PathBuf,
+    /// Burn without asking, where the judge says PASS and the trace recommends it.
+    #[arg(long)]
+    yes: bool,
+    #[command(flatten)]
+    recording: RecordArguments,
+}
+
+/// Seconds between two looks at what is known.
+const LOOK_S: u64 = 600;
+/// Standard uncertainties within the limit: the largest error of a run is rarely beyond.
+const DEVIATIONS: f64 = 3.0;
+
+/// The folder of a unit, and the port that it is on.
+struct Day<'a> {
+    arguments: &'a Arguments,
+    limit: Limit,
+    family: Option<(Family, Over)>,
+}
+
+/// Runs the command; `true` if the unit passes and is burnt.
+///
+/// # Errors
+/// Bad input; a unit that fails its test or cannot be reached; files that cannot be written. What was done stays.
+pub fn run(arguments: &Arguments) -> Result<bool> {
+    let limit = Limit { limit_dph: arguments.limit, from_c: arguments.from, to_c: arguments.to, means_s: fit::MEAN_S };
+    limit.check()?;
+    let (train, verify) = (Profile::parse(&arguments.profile)?, Profile::parse(&arguments.verify_profile)?);
+    if train == verify {
+        return Err(BadInput::new(
+            "--verify-profile is --profile: a run that repeats what was learnt from judges nothing; give another one",
+        )
+        .into());
+    }
+    std::fs::create_dir_all(&arguments.folder)
+        .with_context(|| format!("cannot make {}", arguments.folder.display()))?;
+    let family = arguments.prior.as_deref().map(hrg::fleet::read_family).transpose()?;
+    let family = family
+        .map(|f| {
+            let over = profiles::use_over(&f, [arguments.from, arguments.to])?;
+            Ok::<_, BadInput>((f, over))
+        })
+        .transpose()?;
+    let day = Day { arguments, limit, family };
+    day.check()?;
+    day.record("train", &train, true)?;
+    day.record("verify", &verify, false)?;
+    day.identify()?;
+    let passed = day.judged()?;
+    let burnt = day.burnt(passed)?;
+    day.report()?;
+    Ok(passed && burnt)
+}
+
+impl Day<'_> {
+    fn file(&self, name: &str) -> PathBuf {
+        self.arguments.folder.join(name)
+    }
+
+    /// Begins a step; `false` where it was done before.
+    fn begins(&self, number: u32, what: &str, done: &str) -> bool {
+        let there = self.file(done).exists();
+        println!("{number}. {what}{}", if there { ": done before" } else { "" });
+        !there
+    }
+
+    /// The built-in test, and what a calibration must know of the unit.
+    fn check(&self) -> Result<()> {
+        if !self.begins(1, "built-in test", "test.json") {
+            return Ok(());
+        }
+        let mut unit = Unit::open(&self.arguments.port)?;
+        let report =
+            self_test::Report::of(&mut unit, None, |_: &str| {}).with_context(|| self.arguments.port.clone())?;
+        println!("{}", painted(&report.table(false)));
+        if report.verdict != "PASS" {
+            return Err(BadInput(format!(
+                "{}: the unit does not pass its own test; mend that first",
+                self.arguments.port
+            ))
+            .into());
+        }
+        write_file(&self.file("test.json"), serde_json::to_string_pretty(&report)?.as_bytes())
+    }
+
+    /// The files of a role, in the order in which they were made.
+    fn files(&self, role: &str) -> impl Iterator<Item = PathBuf> + '_ {
+        let of = move |role: &str, k: u32| self.file(&format!("{role}-{k}.csv"));
+        let role = role.to_string();
+        (1..).map(move |k| of(&role, k)).take_while(|p| p.exists())
+    }
+
+    /// The runs of a role. A recording that was stopped while the unit stayed on goes on in the next file: they are one run.
+    fn runs(&self, role: &str) -> Result<Vec<Recording>> {
+        let mut runs: Vec<String> = Vec::new();
+        for path in self.files(role) {
+            let text = std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
+            match runs.last_mut().filter(|before| goes_on(before, &text)) {
+                Some(before) => *before += &rows_of(&text),
+                None => runs.push(text),
+            }
+        }
+        let read = |text: &String| -> Result<Recording> {
+            let mut r = Recording::parse(text.as_bytes())?;
+            r.clean()?;
+            Ok(r)
+        };
+        runs.iter().map(read).collect()
+    }
+
+    /// Rows of a role that are there already.
+    fn rows(&self, role: &str) -> u64 {
+        let rows = |p: PathBuf| std::fs::read_to_string(p).map_or(0, |t| rows_of(&t).lines().count() as u64);
+        self.files(role).map(rows).sum()
+    }
+
+    /// Records a run of the chamber. A recording that was stopped goes on in a further file.
+    fn record(&self, role: &str, profile: &Profile, may_end: bool) -> Result<()> {
+        let (number, done) = (if may_end { 2 } else { 3 }, format!("{role}.done"));
+        if !self.begins(number, &format!("the {role} run"), &done) {
+            return Ok(());
+        }
+        let (wanted, had) = (profile.temperatures().len() as u64, self.rows(role));
+        println!(
+            "   chamber: {profile} ({:.1} h{})",
+            wanted as f64 / 3600.0,
+            if had > 0 { format!(", {:.1} h of it are recorded", had as f64 / 3600.0) } else { String::new() }
+        );
+        let next = (1..).map(|k| self.file(&format!("{role}-{k}.csv"))).find(|p| !p.exists());
+        let out = next.context("no free name")?;
+        let mut looked = had;
+        let finished = record_until(&self.arguments.port, &out, &self.arguments.recording, |rows| {
+            let all = had + rows;
+            if all >= wanted {
+                return Ok(true);
+            }
+            if !may_end || self.family.is_none() || all < looked + LOOK_S {
+                return Ok(false);
+            }
+            looked = all;
+            self.enough(role)
+        })?;
+        if !finished {
+            return Err(BadInput(format!(
+                "stopped in the {role} run; {} rows stay in {}, and the same command goes on there",
+                self.rows(role),
+                self.arguments.folder.display()
+            ))
+            .into());
+        }
+        write_file(&self.file(&done), format!("{} rows\n", self.rows(role)).as_bytes())
+    }
+
+    /// Is enough known of the unit under its family?
+    fn enough(&self, role: &str) -> Result<bool> {
+        let Some((family, over)) = &self.family else { return Ok(false) };
+        // (In its first minutes a run may hold too little for anything.)
+        let Ok(prepared) = family.prepare(&self.runs(role)?, Units::Same) else { return Ok(false) };
+        let longest = prepared.runs.iter().max_by_key(|r| r.steps.len());
+        let expected = family.expected_dph(longest, over);
+        let largest = expected.into_iter().filter(|v| v.is_finite()).fold(0.0, f64::max);
+        let each: Vec<String> = AXIS_NAMES.iter().zip(expected).map(|(n, v)| format!("{n} {v:.3}")).collect();
+        println!("   known to {} deg/h about the constant", each.join(", "));
+        let enough = DEVIATIONS * largest <= self.limit.limit_dph;
+        if enough {
+            println!("   three of it are within the limit: the run may end");
+        }
+        Ok(enough)
+    }
+
+    /// Fit and trace.
+    fn identify(&self) -> Result<()> {
+        if !self.begins(4, "fit and trace", "calibration.toml") {
+            return Ok(());
+        }
+        let (train, verify) = (self.runs("train")?, self.runs("verify")?);
+        let last = verify.last().context("no verify run")?;
+        let options =
+            trace::Options { family: self.family.as_ref().map(|(f, _)| f.clone()), ..trace::Options::default() };
+        let traced = with_a_bar("tracing", || trace::trace_with(&train, last, &options))?;
+        println!("   {}", traced.report.verdict);
+        write_file(&self.file("trace.json"), trace::json(&traced.report).as_bytes())?;
+        write_file(&self.file("trace.html"), trace::html(&traced)?.as_bytes())?;
+        let mut image = traced.image;
+        image.created_unix_s = crate::now();
+        image_file::save(&self.file("calibration.toml"), &image)
+    }
+
+    /// The judge on the verify run.
+    fn judged(&self) -> Result<bool> {
+        println!("5. judge");
+        let c = image_file::load(&self.file("calibration.toml"))?;
+        let judgement = judge(&self.runs("verify")?, &c, &self.limit)?;
+        println!("   {}", painted(&judgement.line()));
+        print!("{}", painted(&judgement.table()));
+        write_file(&self.file("judged.json"), serde_json::to_string_pretty(&judgement)?.as_bytes())?;
+        write_file(&self.file("judged.html"), judgement.html()?.as_bytes())?;
+        Ok(judgement.verdict == Verdict::Pass)
+    }
+
+    /// Burns the image after a yes, and reads it back.
+    fn burnt(&self, passed: bool) -> Result<bool> {
+        if !self.begins(6, "burn", "burnt.done") {
+            return Ok(true);
+        }
+        if !passed {
+            println!("   not burnt: it does not pass");
+            return Ok(false);
+        }
+        if !self.arguments.yes {
+            if !std::io::stdin().is_terminal() {
+                println!("   not burnt: nobody is there to say yes; give --yes, or call the command in a terminal");
+                return Ok(false);
+            }
+            print!("   burn calibration.toml into the unit? [y/N] ");
+            // (The macro that stands for print! has no flush.)
+            std::io::stdout().flush()?;
+            let mut answer = String::new();
+            std::io::stdin().read_line(&mut answer)?;
+            if !matches!(answer.trim(), "y" | "Y" | "yes") {
+                println!("   not burnt");
+                return Ok(false);
+            }
+        }
+        burn(&BurnArguments::of(&self.file("calibration.toml"), &self.arguments.port))?;
+        write_file(&self.file("burnt.done"), b"burnt, read back\n")?;
+        Ok(true)
+    }
+
+    /// One page for the file of the unit.
+    fn report(&self) -> Result<()> {
+        let read = |name: &str| std::fs::read_to_string(self.file(name)).unwrap_or_default();
+        let json = |name: &str| serde_json::from_str::<serde_json::Value>(&read(name)).unwrap_or_default();
+        let (test, traced, judged) = (json("test.json"), json("trace.json"), json("judged.json"));
+        let word = |v: &serde_json::Value| escape(v.as_str().unwrap_or("-"));
+        let burnt = self.file("burnt.done").exists();
+        let verdict = word(&judged["verdict"]);
+        let tone = if verdict == "PASS" && burnt { Tone::Good } else { Tone::Bad };
+        let mut s = format!("<h1>Calibration of {}</h1>", word(&judged["unit"]));
+        let a = self.arguments;
+        s += &boxed(
+            &format!(
+                "<b>{verdict}</b> within {} deg/h from {} to {} C; {}.",
+                a.limit,
+                a.from,
+                a.to,
+                if burnt { "burnt and read back" } else { "not burnt" }
+            ),
+            tone,
+        );
+        let _ = write!(s, "<table><tr><th>step<th class=left>result");
+        let rows = |role: &str| format!("{:.1} h", self.rows(role) as f64 / 3600.0);
+        for (step, result) in [
+            ("built-in test", word(&test["verdict"])),
+            ("train run", format!("{}, profile {}", rows("train"), escape(&a.profile))),
+            ("verify run", format!("{}, profile {}", rows("verify"), escape(&a.verify_profile))),
+            ("trace", word(&traced["verdict"])),
+            ("judge", verdict),
+        ] {
+            let _ = write!(s, "<tr><td>{step}<td class=left>{result}");
+        }
+        s += "</table><p>In the same folder: <a href=trace.html>trace</a>, <a href=judged.html>judgement</a>, calibration.toml, the recordings.</p>";
+        let path = self.file("report.html");
+        write_file(&path, page("Calibration", &s).as_bytes())?;
+        println!("{}: the report", path.display());
+        Ok(())
+    }
+}
+
+/// The rows of a recording's text.
+fn rows_of(text: &str) -> String {
+    let rows = text.lines().filter(|l| !l.starts_with('#')).skip(1);
+    rows.map(|l| format!("{l}\n")).collect()
+}
+
+/// `true` if a recording goes on where another one ended: the same columns of the same start, and later rows.
+fn goes_on(before: &str, next: &str) -> bool {
+    let columns = |t: &str| t.lines().find(|l| !l.starts_with('#')).map(String::from);
+    let fact = |t: &str, key: &str| t.lines().find_map(|l| l.strip_prefix(key).map(|v| v.trim().to_string()));
+    let time = |row: Option<&str>| row.and_then(|r| r.split(',').next()?.parse::<f64>().ok());
+    let same = ["# unit:", "# power_on_unix_s:"].iter().all(|key| match (fact(before, key), fact(next, key)) {
+        // (Two clocks of a start are a second apart at most.)
+        (Some(a), Some(b)) => {
+            a == b || a.parse::<f64>().ok().zip(b.parse::<f64>().ok()).is_some_and(|(a, b)| (a - b).abs() < 5.0)
+        }
+        (a, b) => a == b,
+    });
+    let first = rows_of(next);
+    same && columns(before) == columns(next) && time(before.lines().last()) < time(first.lines().next())
+}

@@ -1,0 +1,239 @@
+//! The file of a family: JSON.
+
+use super::population::Population;
+use super::{Family, OfAxis, States};
+use crate::thermometer::curve::DesignCurve;
+use hrg_core::bias::Scaling;
+use hrg_core::effects::{EffectId, MAX_PARAMETERS};
+use hrg_core::visited::{Ranges, Visited, TEMPERATURES};
+use hrg_data::axes::AXIS_NAMES;
+use hrg_data::error::BadInput;
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Version of the format.
+const VERSION: u32 = 1;
+
+/// A run that a family was learnt from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SourceRun {
+    /// File that it was read from.
+    pub file: String,
+    /// Duration, h.
+    pub hours: f64,
+    /// CRC-32 of its frequencies and rates, hexadecimal.
+    pub crc32: String,
+}
+
+/// A unit that a family was learnt from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Source {
+    /// Its name.
+    pub unit: String,
+    /// Its runs.
+    pub runs: Vec<SourceRun>,
+}
+
+/// An effect with its parameters.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Part {
+    /// Name.
+    pub effect: String,
+    /// Parameters: those of the family.
+    pub parameters: [f32; MAX_PARAMETERS],
+}
+
+/// An effect of a family, or effects that were found together.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FamilyTerm {
+    /// The effects; the first gives the name.
+    pub parts: Vec<Part>,
+    /// Axes that have it.
+    pub axes: [bool; 3],
+}
+
+/// Noise of an axis: a white part beside a slow one.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct NoiseFacts {
+    /// White part: variance of means over a second, (deg/h)^2; of means over n seconds it is an n-th.
+    pub white_dph2_s: f64,
+    /// Slow part: its variance, (deg/h)^2.
+    pub slow_dph2: f64,
+    /// Its correlation time, s.
+    pub slow_s: f64,
+}
+
+/// An axis as the file has it.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct AxisFacts {
+    /// Names of the coefficients.
+    coefficients: Vec<String>,
+    /// Their means over the units, deg/h per unit of each regressor.
+    mean: Vec<f64>,
+    /// Their covariance from unit to unit, row by row.
+    between_units: Vec<Vec<f64>>,
+    /// The variance of each from day to day.
+    between_days: Vec<f64>,
+    /// Noise.
+    noise: NoiseFacts,
+    /// Share of the runs that each noise model stands for.
+    noise_models: Vec<f64>,
+    /// Ranges of the map of visited states: temperatures (C), ramps (C per minute).
+    visited_ranges: [f32; 4],
+    /// The map: as that of an image.
+    visited_levels: [u8; TEMPERATURES],
+    /// Temperature by frequency; none where the thermometers are sensors.
+    curve: Option<DesignCurve>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct File {
+    #[serde(rename = "hrg-family")]
+    version: u32,
+    name: String,
+    temperatures_c: [f32; 2],
+    ramps_c_per_min: [f32; 2],
+    lag_s: f64,
+    coarse_s: usize,
+    scaling: OfScaling,
+    effects: Vec<FamilyTerm>,
+    axes: BTreeMap<String, AxisFacts>,
+    sources: Vec<Source>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct OfScaling {
+    t_ref_c: f32,
+    t_scale_c: f32,
+    linear_below_c: f32,
+    linear_above_c: f32,
+    linear_beyond_c_per_min: f32,
+    blend_band_c_per_min: f32,
+}
+
+impl Family {
+    /// The family as JSON.
+    ///
+    /// # Errors
+    /// Numbers that JSON does not hold.
+    pub fn to_json(&self) -> Result<String, BadInput> {
+        let s = self.scaling;
+        let axes = AXIS_NAMES.iter().enumerate().filter_map(|(a, name)| {
+            let axis = self.axes[a].as_ref()?;
+            let p = &axis.population;
+            let facts = AxisFacts {
+                coefficients: self.coefficients(a),
+                mean: p.mean.iter().copied().collect(),
+                between_units: p.between.row_iter().map(|r| r.iter().copied().collect()).collect(),
+                between_days: p.days.iter().copied().collect(),
+                noise: axis.noise,
+                noise_models: axis.noise_models.to_vec(),
+                visited_ranges: {
+                    let r = axis.visited.ranges;
+                    [r.from_c, r.to_c, r.from_c_per_min, r.to_c_per_min]
+                },
+                visited_levels: axis.visited.map.visited_levels,
+                curve: axis.curve,
+            };
+            Some(((*name).to_string(), facts))
+        });
+        let file = File {
+            version: VERSION,
+            name: self.name.clone(),
+            temperatures_c: self.temperatures_c,
+            ramps_c_per_min: self.ramps_c_per_min,
+            lag_s: self.lag_s,
+            coarse_s: self.coarse_s,
+            scaling: OfScaling {
+                t_ref_c: s.t_ref_c,
+                t_scale_c: s.t_scale_c,
+                linear_below_c: s.linear_below_c,
+                linear_above_c: s.linear_above_c,
+                linear_beyond_c_per_min: s.linear_beyond_c_per_min,
+                blend_band_c_per_min: s.blend_band_c_per_min,
+            },
+            effects: self.terms.clone(),
+            axes: axes.collect(),
+            sources: self.sources.clone(),
+        };
+        serde_json::to_string_pretty(&file)
+            .map(|text| text + "\n")
+            .map_err(|e| BadInput(format!("the family cannot be written: {e}")))
+    }
+
+    /// Reads a family.
+    ///
+    /// # Errors
+    /// One sentence: no JSON of a family, another version, an effect that this program does not know, numbers that do not go together.
+    pub fn from_json(text: &str) -> Result<Self, BadInput> {
+        let file: File = serde_json::from_str(text)
+            .map_err(|e| BadInput(format!("this is no family as hrg family writes it: {e}")))?;
+        if file.version != VERSION {
+            return Err(BadInput(format!("the family has version {}, this program reads {VERSION}", file.version)));
+        }
+        let unknown = file.effects.iter().flat_map(|t| &t.parts).find(|p| EffectId::by_name(&p.effect).is_none());
+        if let Some(p) = unknown {
+            return Err(BadInput(format!(
+                "the family has the effect {}, which this program does not know; learn it again with this program",
+                p.effect
+            )));
+        }
+        let s = file.scaling;
+        let mut family = Self {
+            name: file.name,
+            sources: file.sources,
+            scaling: Scaling {
+                t_ref_c: s.t_ref_c,
+                t_scale_c: s.t_scale_c,
+                linear_below_c: s.linear_below_c,
+                linear_above_c: s.linear_above_c,
+                linear_beyond_c_per_min: s.linear_beyond_c_per_min,
+                blend_band_c_per_min: s.blend_band_c_per_min,
+            },
+            terms: file.effects,
+            temperatures_c: file.temperatures_c,
+            ramps_c_per_min: file.ramps_c_per_min,
+            lag_s: file.lag_s,
+            coarse_s: file.coarse_s.max(1),
+            axes: [None, None, None],
+        };
+        for (a, name) in AXIS_NAMES.iter().enumerate() {
+            let Some(facts) = file.axes.get(*name) else { continue };
+            let p = family.coefficients(a).len();
+            let square = facts.between_units.len() == p && facts.between_units.iter().all(|r| r.len() == p);
+            if facts.mean.len() != p || facts.between_days.len() != p || !square {
+                return Err(BadInput(format!(
+                    "axis {name} of the family: its effects make {p} coefficients, its numbers are for {}",
+                    facts.mean.len()
+                )));
+            }
+            let between = DMatrix::from_fn(p, p, |i, j| facts.between_units[i][j]);
+            let right = between.clone().cholesky().is_some()
+                && facts.between_days.iter().all(|v| *v >= 0.0)
+                && facts.noise.white_dph2_s > 0.0;
+            if !right {
+                return Err(BadInput(format!("axis {name} of the family: its variances are none")));
+            }
+            let population = Population {
+                mean: DVector::from_column_slice(&facts.mean),
+                between,
+                days: DVector::from_column_slice(&facts.between_days),
+                shrinkage: 0.0,
+            };
+            let noise_models = facts.noise_models.clone().try_into().map_err(|_| {
+                BadInput(format!(
+                    "axis {name} of the family: {} noise models, this program has others",
+                    facts.noise_models.len()
+                ))
+            })?;
+            let [from_c, to_c, from_c_per_min, to_c_per_min] = facts.visited_ranges;
+            let visited = States {
+                ranges: Ranges { from_c, to_c, from_c_per_min, to_c_per_min },
+                map: Visited { visited_levels: facts.visited_levels, unvisited_dph2: 0.0 },
+            };
+            family.axes[a] = Some(OfAxis { population, noise: facts.noise, noise_models, visited, curve: facts.curve });
+        }
+        Ok(family)
+    }
+}

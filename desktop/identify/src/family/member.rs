@@ -1,0 +1,324 @@
+//! A unit under its family: the coefficients by what its own runs say and what the family's units have, and whether it belongs to the family.
+//!
+//! For one axis, `theta ~ N(mean, between + days)` before its runs are seen. What is seen decides how far it moves, under each noise model of
+//! [`crate::trace::noise`]; the variance of the noise is that of the highest likelihood.
+//!
+//! A unit belongs unless its runs are more probable under what they say by themselves than under the family, at the odds of any claim. By itself a unit has a prior that is worth
+//! one row of its own data about what was found (Kass and Wasserman 1995): it costs each free coefficient half the logarithm of the rows.
+
+use super::{Family, OfAxis, STATES_EVERY_S};
+use crate::fit::Prepared;
+use crate::trace::data::{AxisRows, Data};
+use crate::trace::model::{AxisFit, Fitted, Specification};
+use crate::trace::noise::NOISE_MODELS;
+use crate::trace::odds::THRESHOLD;
+use crate::trace::regression::{posterior, Posterior, Under};
+use crate::trace::uncertainty::{self, Known};
+use hrg_core::bias::TERMS;
+use hrg_core::calibration::Calibration;
+use hrg_core::visited::Visited;
+use hrg_core::AXES;
+use hrg_data::axes::AXIS_NAMES;
+use hrg_data::error::BadInput;
+use hrg_data::numeric::stats::{dot, log_sum};
+use hrg_data::recording::steps::Run;
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
+
+/// Log evidence of the runs of an axis.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Evidence {
+    /// Under the family.
+    pub family: f64,
+    /// Under what the runs say by themselves: the best of the models that were tried.
+    pub own: f64,
+}
+
+impl Evidence {
+    /// `true` where the axis belongs to the family: that it does not is a claim, made at the odds of any other ([`THRESHOLD`]).
+    #[must_use]
+    pub fn belongs(&self) -> bool {
+        self.own - self.family < THRESHOLD
+    }
+}
+
+/// A unit under its family.
+#[derive(Debug)]
+pub struct Member {
+    /// The fit.
+    pub fitted: Fitted,
+    /// Its uncertainty.
+    pub known: Known,
+    /// By axis: does it belong? `None` for an axis that the unit or the family does not have.
+    pub evidence: [Option<Evidence>; AXES],
+}
+
+impl Member {
+    /// `true` if each axis of the unit belongs to the family.
+    #[must_use]
+    pub fn belongs(&self) -> bool {
+        self.evidence.iter().flatten().all(Evidence::belongs) && self.evidence.iter().any(Option::is_some)
+    }
+
+    /// `true` where the family says more of the unit than its own runs do, on all axes together.
+    #[must_use]
+    pub fn is_better(&self) -> bool {
+        self.belongs() && self.evidence.iter().flatten().map(|e| e.family - e.own).sum::<f64>() > 0.0
+    }
+
+    /// A sentence about it.
+    #[must_use]
+    pub fn sentence(&self, family: &Family) -> String {
+        let each: Vec<String> = AXIS_NAMES
+            .iter()
+            .zip(&self.evidence)
+            .filter_map(|(name, e)| Some(format!("{name} {:+.0}", e.as_ref()?.family - e.as_ref()?.own)))
+            .collect();
+        let (of, odds) = (family.sources.len(), each.join(", "));
+        let name = &family.name;
+        if self.belongs() {
+            format!("the unit is of the family {name} ({of} units): log odds against what its runs say by themselves {odds}")
+        } else {
+            format!("the unit is NOT of the family {name} ({of} units), which is not used: log odds against what its runs say by themselves {odds}")
+        }
+    }
+}
+
+impl Family {
+    /// Fits a unit under the family, from runs by [`Self::prepare`]. `own`: what its runs are otherwise taken for, beside the family's model and the baseline without the family's
+    /// numbers; by axis, with the log prior odds of its effects.
+    ///
+    /// # Errors
+    /// Runs that hold nothing down, or a family without an axis that the unit has.
+    pub fn member(&self, prepared: &Prepared, own: [Option<f64>; AXES]) -> Result<Member, BadInput> {
+        let data = Data::in_blocks(&prepared.runs, self.scaling, prepared.mean_lag_s(), self.coarse_s);
+        let specification = self.specification();
+        let mut evidence = [None; AXES];
+        for a in 0..AXES {
+            let rows = &data.axes[a];
+            let Some(axis) = self.axes[a].as_ref().filter(|_| !rows.y.is_empty()) else { continue };
+            let days = rows.base.len() - TERMS;
+            let columns = specification.columns(&data, a).values;
+            let family = under(rows, &columns[..columns.len() - days], axis).map_or(f64::NEG_INFINITY, |(_, e)| e);
+            let alone =
+                [alone(rows, &columns), alone(rows, &Specification::default().columns(&data, a).values), own[a]];
+            evidence[a] = Some(Evidence { family, own: alone.into_iter().flatten().fold(f64::NEG_INFINITY, f64::max) });
+        }
+        let fitted = self.fitted(&data, &specification)?;
+        let known = uncertainty::given(&data, &fitted);
+        Ok(Member { fitted, known, evidence })
+    }
+
+    fn fitted(&self, data: &Data<'_>, specification: &Specification) -> Result<Fitted, BadInput> {
+        Fitted::by(data, specification, |a, columns, days| {
+            let axis = self.axes[a].as_ref().ok_or_else(|| {
+                BadInput(format!("the family {} has no such axis; learn it from units that have it", self.name))
+            })?;
+            let count = columns.values.len() - days;
+            let (mut found, _) = under(&data.axes[a], &columns.values[..count], axis)
+                .ok_or_else(|| BadInput::new("the equations are singular; record a longer run"))?;
+            let widen = |c: &DMatrix<f64>| c.clone().resize(count + days, count + days, 0.0);
+            found.coefficients = found.coefficients.resize_vertically(count + days, 0.0);
+            found.covariance = widen(&found.covariance);
+            for u in &mut found.each {
+                u.coefficients = u.coefficients.clone().resize_vertically(count + days, 0.0);
+                u.covariance = widen(&u.covariance);
+            }
+            let coefficients = found.coefficients.iter().copied().collect();
+            Ok(AxisFit::new(coefficients, found.covariance.clone(), days, Some(found)))
+        })
+    }
+
+    /// The image of a unit under the family.
+    #[must_use]
+    pub fn image(&self, member: &Member, prepared: &Prepared, notes: &mut Vec<String>) -> Calibration {
+        let mut base = Calibration { sequence: 1, ..prepared.calibration.clone() };
+        for (a, axis) in base.axes.iter_mut().enumerate() {
+            // What the family's units have shown holds for this one: its ranges are theirs, and the map of its states lies over them.
+            let own: Vec<(f32, f32)> = prepared.runs.iter().flat_map(|run| visited_by(run, a)).collect();
+            let [low, high] = self.temperatures_c;
+            axis.curve.valid_from_c = axis.curve.valid_from_c.min(low);
+            axis.curve.valid_to_c = axis.curve.valid_to_c.max(high);
+            axis.valid_from_c_per_min = axis.valid_from_c_per_min.min(self.ramps_c_per_min[0]);
+            axis.valid_to_c_per_min = axis.valid_to_c_per_min.max(self.ramps_c_per_min[1]);
+            let ranges = axis.ranges();
+            let mut map = Visited::none();
+            let family = self.axes[a].iter().flat_map(|f| f.visited.each());
+            own.into_iter().chain(family).for_each(|(t, r)| map.visit(&ranges, t, r));
+            axis.visited = map;
+        }
+        let mut image = member.fitted.image(&base, &member.known.stated, notes);
+        for (a, axis) in image.axes.iter_mut().enumerate() {
+            let Some(p) = &member.known.posteriors[a] else { continue };
+            axis.visited.unvisited_dph2 = uncertainty::unvisited(axis, &image.scaling, &p.covariance, 0.0) as f32;
+        }
+        image
+    }
+}
+
+/// Log evidence, by axis, of rows under a fit of another model with priors of its own for its effects: as [`alone`] has it for columns without any.
+/// `log_prior`: log prior odds of its effects.
+#[must_use]
+pub fn of_fit(data: &Data<'_>, fitted: &Fitted, log_prior: f64) -> [Option<f64>; AXES] {
+    std::array::from_fn(|a| {
+        let rows = &data.axes[a];
+        if rows.y.is_empty() {
+            return None;
+        }
+        let columns = fitted.model.columns(data, a);
+        // (What has no prior comes first.)
+        let mut order: Vec<usize> = (0..columns.values.len()).collect();
+        order.sort_by_key(|k| columns.prior[*k].is_some());
+        let free = columns.prior.iter().filter(|p| p.is_none()).count();
+        let values: Vec<Vec<f64>> = order.iter().map(|k| columns.values[*k].clone()).collect();
+        let prior: Vec<Option<f64>> = order.iter().map(|k| columns.prior[*k]).collect();
+        let found = posterior(rows, &values, &prior)?;
+        let share = data.axes_there() as f64;
+        Some(absolute(&found, rows.y.len(), free) + log_prior / share)
+    })
+}
+
+/// States of an axis that a run visited, each half minute.
+fn visited_by(run: &Run, a: usize) -> impl Iterator<Item = (f32, f32)> + '_ {
+    (0..run.steps.len()).step_by(STATES_EVERY_S).filter_map(move |k| run.state(k, a))
+}
+
+/// Log evidence of the rows of an axis under columns of which nothing is known but a prior that is worth one row.
+fn alone(rows: &AxisRows, columns: &[Vec<f64>]) -> Option<f64> {
+    let found = posterior(rows, columns, &vec![None; columns.len()])?;
+    Some(absolute(&found, rows.y.len(), columns.len()))
+}
+
+/// The restricted likelihood of a posterior as a log density of the rows: its `count` first coefficients have no prior, and are given one that is worth one
+/// row.
+#[must_use]
+pub fn absolute(found: &Posterior, rows: usize, count: usize) -> f64 {
+    let free = rows as f64 - count as f64;
+    let log_turn = (2.0 * std::f64::consts::PI).ln();
+    let block = found.covariance.view((0, 0), (count, count)).clone_owned();
+    let spread = block.cholesky().map_or(0.0, |f| 2.0 * f.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>());
+    found.evidence - 0.5 * free * (log_turn + 1.0) - 0.5 * (count as f64 * (log_turn + (rows as f64).ln()) + spread)
+}
+
+/// The coefficients of an axis for another day under a family, and the log evidence of its rows. `columns`: without those of the days.
+pub fn under(rows: &AxisRows, columns: &[Vec<f64>], axis: &OfAxis) -> Option<(Posterior, f64)> {
+    let (p, runs, population) = (columns.len(), rows.starts.len(), &axis.population);
+    if population.mean.len() != p {
+        return None;
+    }
+    // One run: its day is not parted from the unit. Several: the unit's coefficients, then what each day adds.
+    let (days, several) = (DMatrix::from_diagonal(&population.days), runs > 1);
+    let blocks = if several { runs + 1 } else { 1 };
+    let (mut mean, mut prior) = (DVector::zeros(p * blocks), DMatrix::zeros(p * blocks, p * blocks));
+    mean.rows_mut(0, p).copy_from(&population.mean);
+    let first = if several { population.between.clone() } else { &population.between + &days };
+    prior.view_mut((0, 0), (p, p)).copy_from(&first);
+    let mut all = columns.to_vec();
+    if several {
+        for run in 0..runs {
+            let at = p * (run + 1);
+            prior.view_mut((at, at), (p, p)).copy_from(&days);
+            all.extend(columns.iter().map(|c| {
+                let mut own = vec![0.0; c.len()];
+                own[rows.run(run)].copy_from_slice(&c[rows.run(run)]);
+                own
+            }));
+        }
+    }
+    let root = uncertainty::square_root(&prior);
+    let n = rows.y.len() as f64;
+    let mut each: Vec<(f64, Under)> = Vec::new();
+    for noise_model in 0..NOISE_MODELS.len() {
+        let whitened = |x: &[f64]| {
+            let mut x = x.to_vec();
+            rows.filters.whiten(noise_model, &mut x);
+            x
+        };
+        let x: Vec<Vec<f64>> = all.iter().map(|c| whitened(c)).collect();
+        let mut left = whitened(&rows.y);
+        for (column, m) in x.iter().zip(&mean) {
+            hrg_data::numeric::stats::take_off(&mut left, *m, column);
+        }
+        let gram = DMatrix::from_fn(x.len(), x.len(), |i, j| if i <= j { dot(&x[i], &x[j]) } else { 0.0 });
+        let gram = DMatrix::from_fn(x.len(), x.len(), |i, j| gram[(i.min(j), i.max(j))]);
+        let e = SymmetricEigen::new(root.transpose() * gram * &root);
+        let b = e.eigenvectors.transpose() * root.transpose() * DVector::from_fn(x.len(), |i, _| dot(&x[i], &left));
+        let values: Vec<f64> = e.eigenvalues.iter().map(|v| v.max(0.0)).collect();
+        let squares = dot(&left, &left);
+        let likelihood = |log_variance: f64| {
+            let v = log_variance.exp();
+            let explained: f64 = values.iter().zip(&b).map(|(l, b)| b * b / (v + l)).sum();
+            let determinant: f64 = values.iter().map(|l| (l / v).ln_1p()).sum();
+            -0.5 * (n * (log_variance + (2.0 * std::f64::consts::PI).ln()) + determinant + (squares - explained) / v)
+        };
+        let (variance, log) = highest(&likelihood, (squares / n).max(1e-300).ln());
+        let v = variance.exp();
+        let along = &root * &e.eigenvectors;
+        let coefficients = &mean + &along * DVector::from_fn(b.len(), |i, _| b[i] / (v + values[i]));
+        let shares = DVector::from_fn(b.len(), |i, _| v / (v + values[i]));
+        let covariance = &along * DMatrix::from_diagonal(&shares) * along.transpose();
+        // Of another day: the unit's coefficients, with the spread of the days. (With one run the share of that day is what the spread of the days
+        // is of the whole.)
+        let (coefficients, covariance) = if several {
+            let own = covariance.view((0, 0), (p, p)).clone_owned();
+            (coefficients.rows(0, p).clone_owned(), own + &days)
+        } else {
+            another_day(&coefficients, &covariance, population, &days)
+        };
+        let before = axis.noise_models[noise_model].ln();
+        let finite = log.is_finite() && coefficients.iter().chain(covariance.iter()).all(|c| c.is_finite());
+        if finite {
+            let likelihood = before + rows.filters.log_determinant(noise_model) + log;
+            let under = Under { noise_model, weight: 0.0, variance_dph2: v, coefficients, covariance, free: n };
+            each.push((likelihood, under));
+        }
+    }
+    let evidence = log_sum(&each.iter().map(|e| e.0).collect::<Vec<_>>());
+    if !evidence.is_finite() {
+        return None;
+    }
+    let each: Vec<Under> = each.into_iter().map(|(l, u)| Under { weight: (l - evidence).exp(), ..u }).collect();
+    Some((Posterior::of(each, evidence), evidence))
+}
+
+/// What a day's coefficients say of the unit's, and so of another day's: theta and its day are drawn from `between` and `days`, and their sum is
+/// known with a covariance.
+pub(super) fn another_day(
+    sum: &DVector<f64>,
+    covariance: &DMatrix<f64>,
+    population: &super::population::Population,
+    days: &DMatrix<f64>,
+) -> (DVector<f64>, DMatrix<f64>) {
+    let whole = &population.between + days;
+    let Some(f) = whole.cholesky() else { return (sum.clone(), covariance + days) };
+    // The share of the sum that is the unit's.
+    let share = f.solve(&population.between).transpose();
+    let mean = &population.mean + &share * (sum - &population.mean);
+    let left = &population.between - &share * &population.between;
+    let covariance = &share * covariance * share.transpose() + 0.5 * (&left + left.transpose()) + days;
+    (mean, covariance)
+}
+
+/// The highest value of a function of one variable with one maximum: where, and how high. From far below `around`, where it is known to lie at most a
+/// little above.
+fn highest(of: &impl Fn(f64) -> f64, around: f64) -> (f64, f64) {
+    const GOLDEN: f64 = 0.618_033_988_749_894_9;
+    let (mut low, mut high) = (around - 14.0, around + 2.0);
+    let (mut x, mut y) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
+    let (mut at_x, mut at_y) = (of(x), of(y));
+    for _ in 0..48 {
+        if at_x > at_y {
+            (high, y, at_y) = (y, x, at_x);
+            x = high - GOLDEN * (high - low);
+            at_x = of(x);
+        } else {
+            (low, x, at_x) = (x, y, at_y);
+            y = low + GOLDEN * (high - low);
+            at_y = of(y);
+        }
+    }
+    if at_x > at_y {
+        (x, at_x)
+    } else {
+        (y, at_y)
+    }
+}

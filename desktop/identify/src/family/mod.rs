@@ -1,0 +1,442 @@
+//! What the units of one design share, learnt from recordings of some of them, for the next one.
+//!
+//! A family is a model (centre and scale, effects with their parameters) and, by axis, the distribution of its coefficients over the units and from day
+//! to day ([`population`]). Its effects are found on units side by side, each with a baseline of its own, by the search and the score of
+//! [`crate::trace`]: what is there in all of them adds its evidence up. A unit is then fitted under that distribution ([`member`]), as far as it belongs
+//! to the design, and the next chamber run is chosen by what it is expected to tell ([`design`]).
+
+pub mod design;
+mod file;
+pub mod member;
+pub mod population;
+
+pub use file::{AxisFacts, FamilyTerm, NoiseFacts, Part, Source, SourceRun};
+
+use crate::fit::independence::Units;
+use crate::fit::{prepare_for, prepare_of_design, scaling, Prepared};
+use crate::thermometer::curve::DesignCurve;
+use crate::trace::data::{Candidate, Data};
+use crate::trace::model::{Specification, Term};
+use crate::trace::noise::NOISE_MODELS;
+use crate::trace::regression::under_each;
+use crate::trace::search::Search;
+use hrg_core::bias::{Scaling, TERMS};
+use hrg_core::effects::EffectId;
+use hrg_core::temperature::TemperatureCurve;
+use hrg_core::visited::{Ranges, Visited, LEVELS, TEMPERATURES};
+use hrg_core::AXES;
+use hrg_data::axes::AXIS_NAMES;
+use hrg_data::error::BadInput;
+use hrg_data::numeric::side_by_side;
+use hrg_data::numeric::stats::{dot, log_sum, median};
+use hrg_data::recording::names;
+use hrg_data::recording::steps::Run;
+use hrg_data::recording::Recording;
+use nalgebra::{DMatrix, DVector};
+use population::{OfRun, OfUnit, Population};
+
+/// Units on which the effects are searched together, at most: what a dozen do not show, a hundred do not need, and rows in memory grow with them.
+const SEARCHED: usize = 12;
+
+/// Seconds between the states that are marked as visited.
+const STATES_EVERY_S: usize = 30;
+
+/// What a run tells of an axis.
+struct Told {
+    of_run: OfRun,
+    noise: NoiseFacts,
+    /// Log likelihood of each noise model.
+    noise_models: [f64; NOISE_MODELS.len()],
+    visited: States,
+}
+
+/// A family.
+#[derive(Debug, Clone)]
+pub struct Family {
+    /// Name of the design.
+    pub name: String,
+    /// The units that it was learnt from.
+    pub sources: Vec<Source>,
+    /// Centre and scale of its model.
+    pub scaling: Scaling,
+    /// Its effects.
+    pub terms: Vec<FamilyTerm>,
+    /// Temperatures that its units visited, C.
+    pub temperatures_c: [f32; 2],
+    /// Fastest cooling and heating of the resonators, C per minute.
+    pub ramps_c_per_min: [f32; 2],
+    /// Time constant by which its resonators follow their cases, s.
+    pub lag_s: f64,
+    /// Third of the blocks into which its runs were cut, s: the noise models of an axis count blocks.
+    pub coarse_s: usize,
+    /// The axes; `None`: its units do not have it.
+    pub axes: [Option<OfAxis>; AXES],
+}
+
+/// One axis of a family.
+#[derive(Debug, Clone)]
+pub struct OfAxis {
+    /// Distribution of the coefficients: the baseline's, then the gains of each effect that the axis has.
+    pub population: Population,
+    /// Noise of its units: medians.
+    pub noise: NoiseFacts,
+    /// Share of its runs that each noise model of [`NOISE_MODELS`] stands for.
+    pub noise_models: [f64; NOISE_MODELS.len()],
+    /// States that its runs visited together.
+    pub visited: States,
+    /// Temperature by frequency; `None` where its thermometers are sensors.
+    pub curve: Option<DesignCurve>,
+}
+
+/// Temperatures and ramps that were visited together, on the grid of a map ([`Visited`]).
+#[derive(Debug, Clone, PartialEq)]
+pub struct States {
+    /// Ranges of the grid.
+    pub ranges: Ranges,
+    /// The map.
+    pub map: Visited,
+}
+
+impl States {
+    fn new(ranges: Ranges, runs: &[Run], a: usize) -> Self {
+        let mut map = Visited::none();
+        for run in runs {
+            let states = (0..run.steps.len()).step_by(STATES_EVERY_S).filter_map(|k| run.state(k, a));
+            states.for_each(|(t, r)| map.visit(&ranges, t, r));
+        }
+        Self { ranges, map }
+    }
+
+    /// Adds those of another map on the same grid.
+    fn add(&mut self, other: &Self) {
+        for (own, more) in self.map.visited_levels.iter_mut().zip(other.map.visited_levels) {
+            *own = (*own & 0xF).min(more & 0xF) | (*own >> 4).max(more >> 4) << 4;
+        }
+    }
+
+    /// The states in the middles of the entries that were visited: temperature, C, and ramp, C per minute.
+    pub fn each(&self) -> impl Iterator<Item = (f32, f32)> + '_ {
+        let places = (0..TEMPERATURES).flat_map(|entry| (0..LEVELS).map(move |level| (entry, level)));
+        let visited = |(entry, level): &(usize, usize)| {
+            let levels = usize::from(self.map.visited_levels[*entry]);
+            (levels & 0xF..=levels >> 4).contains(level)
+        };
+        places.filter(visited).map(|(entry, level)| self.ranges.middle(entry, level))
+    }
+}
+
+/// A unit whose runs could not be used.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LeftOut {
+    /// Its name.
+    pub unit: String,
+    /// The reason.
+    pub why: String,
+}
+
+/// The recordings of one unit, made ready.
+struct Ready {
+    unit: String,
+    prepared: Prepared,
+    runs: Vec<SourceRun>,
+}
+
+fn ready(recordings: &[Recording]) -> Result<Ready, LeftOut> {
+    let unit = recordings.first().map_or("", Recording::unit).to_string();
+    let prepared = prepare_for(recordings, Units::Same).map_err(|e| LeftOut { unit: unit.clone(), why: e.0 })?;
+    let runs = recordings
+        .iter()
+        .zip(&prepared.runs)
+        .map(|(r, run)| SourceRun {
+            file: r.source.clone(),
+            hours: run.steps.len() as f64 / 3600.0,
+            crc32: format!("{:08x}", crate::fit::data_crc32(std::slice::from_ref(r))),
+        })
+        .collect();
+    Ok(Ready { unit, prepared, runs })
+}
+
+/// Recordings by their units, in the order in which these come first. A recording without a unit's name is a unit of its own.
+#[must_use]
+pub fn by_unit(recordings: Vec<Recording>) -> Vec<Vec<Recording>> {
+    let mut units: Vec<Vec<Recording>> = Vec::new();
+    for r in recordings {
+        let own = (r.unit() != names::NONE).then(|| units.iter().position(|u| u[0].unit() == r.unit())).flatten();
+        match own {
+            Some(k) => units[k].push(r),
+            None => units.push(vec![r]),
+        }
+    }
+    units
+}
+
+impl Family {
+    /// Learns a family from the recordings of its units. Units that cannot be used are left out, and named.
+    ///
+    /// # Errors
+    /// One sentence: too few units.
+    pub fn learn(name: &str, units: Vec<Vec<Recording>>) -> Result<(Self, Vec<LeftOut>), BadInput> {
+        let (mut there, mut left_out) = (Vec::new(), Vec::new());
+        for unit in side_by_side::each(units, |u| ready(&u)) {
+            match unit {
+                Ok(unit) => there.push(unit),
+                Err(why) => left_out.push(why),
+            }
+        }
+        if there.len() < population::FEWEST {
+            let why = left_out.first().map_or(String::new(), |l| format!("; {} was left out: {}", l.unit, l.why));
+            return Err(BadInput(format!(
+                "a family needs {} units at the least, here are {} that can be used{why}",
+                population::FEWEST,
+                there.len()
+            )));
+        }
+        let fold = |of: fn(&Prepared, usize) -> [f32; 2]| {
+            let all = there.iter().flat_map(|r| present(&r.prepared).map(move |a| of(&r.prepared, a)));
+            all.fold([f32::INFINITY, f32::NEG_INFINITY], |[l, h], [low, high]| [l.min(low), h.max(high)])
+        };
+        let temperatures_c =
+            fold(|p, a| [p.calibration.axes[a].curve.valid_from_c, p.calibration.axes[a].curve.valid_to_c]);
+        let ramps_c_per_min =
+            fold(|p, a| [p.calibration.axes[a].valid_from_c_per_min, p.calibration.axes[a].valid_to_c_per_min]);
+        let fastest = ramps_c_per_min[1].max(-ramps_c_per_min[0]);
+        let mut lengths: Vec<f64> =
+            there.iter().flat_map(|r| r.prepared.runs.iter().map(|run| run.steps.len() as f64)).collect();
+        let mut lags: Vec<f64> = there.iter().map(|r| r.prepared.mean_lag_s()).collect();
+        let mut family = Self {
+            name: name.to_string(),
+            sources: there.iter().map(|r| Source { unit: r.unit.clone(), runs: r.runs.clone() }).collect(),
+            scaling: scaling((temperatures_c[0], temperatures_c[1]), fastest),
+            terms: Vec::new(),
+            temperatures_c,
+            ramps_c_per_min,
+            lag_s: median(&mut lags).unwrap_or(0.0),
+            coarse_s: Data::coarse_s(median(&mut lengths).unwrap_or(0.0) as usize),
+            axes: [None, None, None],
+        };
+        family.terms = family.effects(&there);
+        let specification = family.specification();
+        let curves: [Option<DesignCurve>; AXES] = std::array::from_fn(|a| {
+            let with = there.iter().filter(|r| present(&r.prepared).any(|p| p == a));
+            let each: Vec<TemperatureCurve> = with.map(|r| r.prepared.calibration.axes[a].curve).collect();
+            let resonators = each.iter().all(|c| !c.is_of_sensor());
+            // (Where all of them have been.)
+            let low_c = each.iter().map(|c| c.valid_from_c).fold(f32::NEG_INFINITY, f32::max);
+            let high_c = each.iter().map(|c| c.valid_to_c).fold(f32::INFINITY, f32::min);
+            resonators.then(|| DesignCurve::of(&each, [low_c + 0.5, high_c - 0.5].map(f64::from))).flatten()
+        });
+        let told = side_by_side::each(there, |r| {
+            let of_run = |run: &Run| family.told(&specification, run);
+            r.prepared.runs.iter().map(of_run).collect::<Vec<_>>()
+        });
+        let learnt = side_by_side::each(vec![0, 1, 2], |a| family.axis(&told, a, curves[a]));
+        for (axis, to) in learnt.into_iter().zip(&mut family.axes) {
+            *to = axis?;
+        }
+        Ok((family, left_out))
+    }
+
+    /// Effects that units side by side share: one run of each, the longest, and a baseline of each.
+    fn effects(&self, units: &[Ready]) -> Vec<FamilyTerm> {
+        let every = units.len().div_ceil(SEARCHED);
+        let longest = |r: &Ready| r.prepared.runs.iter().max_by_key(|run| run.steps.len()).cloned();
+        let runs: Vec<Run> = units.iter().step_by(every).filter_map(longest).collect();
+        let data = Data::of_units(&runs, self.scaling, self.lag_s);
+        let model = Search::new(&data).run_for_unit().specification();
+        let shared = |t: &&Term| t.parts.iter().all(|c| c.on_unit() && c.reads().is_empty());
+        model.terms.iter().filter(shared).map(FamilyTerm::of).collect()
+    }
+
+    /// Makes the recordings of a unit ready for [`Self::member`]: its temperatures are those of the highest probability under the family's curves and
+    /// its own sensors.
+    ///
+    /// # Errors
+    /// As [`prepare_for`].
+    pub fn prepare(&self, recordings: &[Recording], units: Units) -> Result<Prepared, BadInput> {
+        let mut prepared =
+            prepare_of_design(recordings, units, &self.axes.each_ref().map(|a| a.as_ref().and_then(|a| a.curve)))?;
+        prepared.calibration.scaling = self.scaling;
+        prepared.coarse_s = Some(self.coarse_s);
+        Ok(prepared)
+    }
+
+    /// Its model, to be fitted.
+    #[must_use]
+    pub fn specification(&self) -> Specification {
+        let terms = self.terms.iter().filter_map(FamilyTerm::term).collect();
+        Specification { terms, ramp_prior: [None; AXES] }
+    }
+
+    /// What a run tells of each axis.
+    fn told(&self, specification: &Specification, run: &Run) -> [Option<Told>; AXES] {
+        let data = Data::in_blocks(std::slice::from_ref(run), self.scaling, self.lag_s, self.coarse_s);
+        [0, 1, 2].map(|a: usize| {
+            let rows = &data.axes[a];
+            if rows.y.is_empty() {
+                return None;
+            }
+            let columns = specification.columns(&data, a).values;
+            let each = under_each(rows, &columns, &vec![None; columns.len()]);
+            let mut noise_models = [f64::NEG_INFINITY; NOISE_MODELS.len()];
+            for (log, u) in &each {
+                noise_models[u.noise_model] = log - NOISE_MODELS[u.noise_model].log_prior();
+            }
+            let (_, best) = each.into_iter().max_by(|x, y| x.0.total_cmp(&y.0))?;
+            let white = |x: &Vec<f64>| {
+                let mut x = x.clone();
+                rows.filters.whiten(best.noise_model, &mut x);
+                x
+            };
+            let (x, y) = (columns.iter().map(white).collect::<Vec<_>>(), white(&rows.y));
+            let p = x.len();
+            let information = DMatrix::from_fn(p, p, |i, j| dot(&x[i], &x[j]) / best.variance_dph2);
+            let product = DVector::from_fn(p, |i, _| dot(&x[i], &y) / best.variance_dph2);
+            let noise = NOISE_MODELS[best.noise_model];
+            let white_dph2 = best.variance_dph2 / noise.innovation();
+            let facts = NoiseFacts {
+                white_dph2_s: white_dph2 * data.block_s as f64,
+                slow_dph2: noise.slow * white_dph2,
+                slow_s: data.block_s as f64 / (1.0 - noise.phi).max(1e-6),
+            };
+            let ranges = Ranges {
+                from_c: self.temperatures_c[0],
+                to_c: self.temperatures_c[1],
+                from_c_per_min: self.ramps_c_per_min[0],
+                to_c_per_min: self.ramps_c_per_min[1],
+            };
+            let visited = States::new(ranges, std::slice::from_ref(run), a);
+            Some(Told { of_run: OfRun { information, product }, noise: facts, noise_models, visited })
+        })
+    }
+
+    /// The distribution of an axis over the units. `None` where no unit has it.
+    fn axis(
+        &self,
+        told: &[Vec<[Option<Told>; AXES]>],
+        a: usize,
+        curve: Option<DesignCurve>,
+    ) -> Result<Option<OfAxis>, BadInput> {
+        let of_unit = |unit: &Vec<[Option<Told>; AXES]>| OfUnit {
+            runs: unit.iter().filter_map(|r| r[a].as_ref().map(|r| r.of_run.clone())).collect(),
+        };
+        let units: Vec<OfUnit> = told.iter().map(of_unit).filter(|u| !u.runs.is_empty()).collect();
+        let runs: Vec<&Told> = told.iter().flatten().filter_map(|r| r[a].as_ref()).collect();
+        let Some(first) = runs.first() else { return Ok(None) };
+        let population = Population::learn(&units).ok_or_else(|| {
+            BadInput(format!(
+                "axis {}: {} units are too few for a family, or their runs do not hold its model down",
+                AXIS_NAMES[a],
+                units.len()
+            ))
+        })?;
+        let of = |f: fn(&NoiseFacts) -> f64| {
+            median(&mut runs.iter().map(|r| f(&r.noise)).collect::<Vec<_>>()).unwrap_or(0.0)
+        };
+        let noise = NoiseFacts {
+            white_dph2_s: of(|n| n.white_dph2_s),
+            slow_dph2: of(|n| n.slow_dph2),
+            slow_s: of(|n| n.slow_s),
+        };
+        let noise_models = shares(&runs);
+        let mut visited = first.visited.clone();
+        runs.iter().for_each(|r| visited.add(&r.visited));
+        Ok(Some(OfAxis { population, noise, noise_models, visited, curve }))
+    }
+
+    /// Names of the coefficients of an axis.
+    #[must_use]
+    pub fn coefficients(&self, a: usize) -> Vec<String> {
+        let gains = self.terms.iter().filter(|t| t.axes[a]).flat_map(|t| {
+            t.parts.iter().flat_map(|p| {
+                let outputs = EffectId::by_name(&p.effect).map_or(0, |e| e.facts().outputs);
+                let several = outputs > 1;
+                let of = |j: usize| if several { format!("{} {}", p.effect, j + 1) } else { p.effect.clone() };
+                (0..outputs).map(of).collect::<Vec<_>>()
+            })
+        });
+        crate::fit::NAMES.iter().map(|n| (*n).to_string()).chain(gains).collect()
+    }
+
+    /// Mean squares of each part of the bias of an axis over a run: of its mean over the units, of the spread between them, of the spread between
+    /// days, deg/h as root mean squares about the run's own mean. The parts: the baseline, then each effect.
+    #[must_use]
+    pub fn parts_on(&self, run: &Run, a: usize) -> Vec<(String, [f64; 3])> {
+        let Some(axis) = &self.axes[a] else { return Vec::new() };
+        let data = Data::in_blocks(std::slice::from_ref(run), self.scaling, self.lag_s, self.coarse_s);
+        let specification = self.specification();
+        let columns = specification.columns(&data, a).values;
+        let n = data.axes[a].y.len();
+        if n == 0 {
+            return Vec::new();
+        }
+        let centred: Vec<Vec<f64>> = columns
+            .iter()
+            .map(|c| {
+                let mean = hrg_data::numeric::stats::mean(c);
+                c.iter().map(|v| v - mean).collect()
+            })
+            .collect();
+        let of = |range: std::ops::Range<usize>| {
+            let p = &axis.population;
+            let square = |i: usize, j: usize| dot(&centred[i], &centred[j]) / n as f64;
+            let sum = |of: &dyn Fn(usize, usize) -> f64| -> f64 {
+                range
+                    .clone()
+                    .flat_map(|i| range.clone().map(move |j| (i, j)))
+                    .map(|(i, j)| of(i, j) * square(i, j))
+                    .sum()
+            };
+            [
+                sum(&|i, j| p.mean[i] * p.mean[j]),
+                sum(&|i, j| p.between[(i, j)]),
+                sum(&|i, j| if i == j { p.days[i] } else { 0.0 }),
+            ]
+            .map(|v| v.max(0.0).sqrt())
+        };
+        let baseline = ("baseline".to_string(), of(0..TERMS));
+        let effects = specification
+            .terms
+            .iter()
+            .enumerate()
+            .filter_map(|(e, t)| Some((t.lead().facts.name.to_string(), of(specification.gains(e, a)?))));
+        std::iter::once(baseline).chain(effects).collect()
+    }
+}
+
+/// The share of the runs that each noise model stands for: that of the highest likelihood (expectation and maximisation), what is known of any noise before
+/// counting as one run.
+fn shares(runs: &[&Told]) -> [f64; NOISE_MODELS.len()] {
+    let before: [f64; NOISE_MODELS.len()] = std::array::from_fn(|s| NOISE_MODELS[s].log_prior().exp());
+    let mut now = before;
+    for _ in 0..200 {
+        let mut next = before;
+        for r in runs {
+            let each: Vec<f64> = r.noise_models.iter().zip(now).map(|(l, w)| l + w.max(1e-300).ln()).collect();
+            let all = log_sum(&each);
+            next.iter_mut().zip(each).for_each(|(n, e)| *n += (e - all).exp());
+        }
+        now = next.map(|n| n / (runs.len() as f64 + 1.0));
+    }
+    now
+}
+
+/// Axes that a unit has.
+fn present(p: &Prepared) -> impl Iterator<Item = usize> + '_ {
+    p.runs.first().into_iter().flat_map(|r| r.steps.present())
+}
+
+impl FamilyTerm {
+    fn of(t: &Term) -> Self {
+        let part = |c: &Candidate| Part { effect: c.facts.name.to_string(), parameters: c.parameters };
+        Self { parts: t.parts.iter().map(part).collect(), axes: [0, 1, 2].map(|a: usize| t.on(a)) }
+    }
+
+    /// As a term of a model. `None` for an effect that this program does not know.
+    fn term(&self) -> Option<Term> {
+        let part = |p: &Part| Some(Candidate::new(EffectId::by_name(&p.effect)?, p.parameters));
+        let parts: Vec<Candidate> = self.parts.iter().map(part).collect::<Option<_>>()?;
+        let outputs = parts.iter().map(|c| c.facts.outputs).sum();
+        // (The variances are the family's; these say which axes have it.)
+        Some(Term { prior: self.axes.map(|on| vec![1.0; if on { outputs } else { 0 }]), parts })
+    }
+}

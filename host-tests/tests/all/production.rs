@@ -1,0 +1,54 @@
+//! `hrg calibrate` from end to end on a served board: stopped in the middle, and gone on with.
+// A test may panic.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use crate::day::{command, folder, power_for};
+use std::process::Stdio;
+use std::time::Duration;
+
+#[test]
+fn one_command_calibrates_a_unit_and_goes_on_where_it_was_stopped() {
+    let d = folder("production");
+    let run = "calibrate --port link --profile 20,35m --verify-profile 21,35m --limit 100 --from 6 --to 28 --folder unit --unit HRG-042 \
+               --latitude 28.2 --axes x=north_y=east_z=down --yes";
+    power_for(85, &d, 30.0, || {
+        // A third of the train run, then Ctrl-C.
+        let mut first = command(&d, run).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("starts");
+        let rows = || std::fs::read_to_string(d.join("unit/train-1.csv")).map_or(0, |t| t.lines().count());
+        while rows() < 700 {
+            assert!(first.try_wait().expect("runs").is_none(), "it ended by itself");
+            std::thread::sleep(Duration::from_millis(200));
+        }
+        let pid = first.id().to_string();
+        assert!(std::process::Command::new("kill").args(["-INT", &pid]).status().expect("kill").success());
+        let output = first.wait_with_output().expect("ends");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success() && said.contains("the same command goes on there"), "{said}");
+        // The same command goes on to the end.
+        let output = command(&d, run).output().expect("runs");
+        let (printed, said) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+        assert!(output.status.success(), "{printed}{said}");
+        for line in ["1. built-in test: done before", "of it are recorded", "PASS", "burnt, read back"] {
+            assert!(printed.contains(line), "{line}: {printed}");
+        }
+        let rows = |name: &str| {
+            std::fs::read_to_string(d.join("unit").join(name))
+                .expect("written")
+                .lines()
+                .filter(|l| !l.starts_with('#'))
+                .count()
+        };
+        assert!(
+            rows("train-1.csv") >= 699 && rows("train-2.csv") < 1500,
+            "{} {}",
+            rows("train-1.csv"),
+            rows("train-2.csv")
+        );
+        let page = std::fs::read_to_string(d.join("unit/report.html")).expect("written");
+        assert!(page.contains("PASS") && page.contains("HRG-042") && page.contains("burnt and read back"));
+        // And once more: nothing is left to do.
+        let output = command(&d, run).output().expect("runs");
+        let printed = String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.success() && printed.contains("6. burn: done before"), "{printed}");
+    });
+}
