@@ -65,7 +65,7 @@ fn text(folder: &Path, name: &str) -> String {
 }
 
 /// Minutes in which the resonators are warmed by 24 C and cooled again, fast enough for a test: 12 C per minute.
-fn steps(minutes: u32) -> Steps {
+pub fn steps(minutes: u32, slope_dph_per_c: f64) -> Steps {
     let plan = Plan::of(Profile::parse(&format!("20,{minutes}m")).expect("fine"), 5, 3);
     let mut recording = plan.simulate().recording;
     recording.restore_earth_rate();
@@ -73,6 +73,7 @@ fn steps(minutes: u32) -> Steps {
     for (a, curve) in Calibration::uncalibrated().axes.map(|a| a.curve).iter().enumerate() {
         for (k, f) in steps.frequency_hz[a].iter_mut().enumerate() {
             let at = (k % 240) as f64;
+            steps.rate_dph[a][k] += slope_dph_per_c * (0.2 * at.min(240.0 - at) - 12.0);
             *f =
                 curve.frequency_hz(5.0 + 0.2 * at.min(240.0 - at)).expect("in range") + 1e-4 * ((k * 7919) % 11) as f64;
         }
@@ -82,12 +83,12 @@ fn steps(minutes: u32) -> Steps {
 
 /// Runs the board while something is done, half an hour of its time at most; its flash stays in the folder.
 fn power(folder: &Path, speed: f64, work: impl FnOnce()) {
-    power_for(29, folder, speed, work);
+    power_for(steps(29, 0.0), folder, speed, work);
 }
 
-/// The same for so many minutes of the board's time.
-pub fn power_for(minutes: u32, folder: &Path, speed: f64, work: impl FnOnce()) {
-    let (elf, steps) = (elf(), steps(minutes));
+/// The same with what the board lives through.
+pub fn power_for(steps: Steps, folder: &Path, speed: f64, work: impl FnOnce()) {
+    let elf = elf();
     // Built before the board's time runs.
     let _ = command(folder, "");
     let options = serve::Options { speed, seconds: None, folder: folder.to_path_buf(), as_on_chip: false };

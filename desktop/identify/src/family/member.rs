@@ -155,7 +155,7 @@ impl Family {
     }
 }
 
-/// Log evidence, by axis, of rows under a fit of another model with priors of its own for its effects: as [`alone`] has it for columns without any.
+/// Log evidence, by axis, of rows under a fit of another model with priors of its own for its effects: as [`Family::member`] has it for columns without any.
 /// `log_prior`: log prior odds of its effects.
 #[must_use]
 pub fn of_fit(data: &Data<'_>, fitted: &Fitted, log_prior: f64) -> [Option<f64>; AXES] {
@@ -320,5 +320,63 @@ fn highest(of: &impl Fn(f64) -> f64, around: f64) -> (f64, f64) {
         (x, at_x)
     } else {
         (y, at_y)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::independence::Units;
+    use crate::fit::{correct, prepare};
+    use hrg_data::numeric::stats::std_dev;
+    use hrg_data::recording::Recording;
+    use hrg_simulate::{Plan, Profile};
+
+    /// A run of a unit whose bias has a slope of its own, deg/h from the middle to an end of the temperatures.
+    fn run(profile: &str, design: u64, seed: u64, slope_dph: f64) -> Recording {
+        let mut r = Plan::of(Profile::parse(profile).expect("fine"), design, seed).simulate().recording;
+        r.set_meta("unit", &format!("HRG-{seed}"));
+        for a in 0..AXES {
+            let middle = r.frequency_hz[a][0];
+            for k in 0..r.rate_dph[a].len() {
+                r.rate_dph[a][k] += slope_dph * (r.frequency_hz[a][k] - middle) / 20.0;
+            }
+        }
+        r
+    }
+
+    #[test]
+    fn a_unit_is_known_from_less_where_it_belongs_and_another_is_named() {
+        let slopes = [-0.4, 0.1, 0.3, -0.1, 0.4, -0.3, 0.2];
+        let units = (1..).zip(slopes).map(|(seed, slope)| vec![run("cycle", 1, seed, slope)]).collect();
+        let (family, left_out) = Family::learn("test", units).expect("a family");
+        assert!(left_out.is_empty() && family.sources.len() == 7);
+        let again = Family::from_json(&family.to_json().expect("text")).expect("read");
+        assert_eq!(again.to_json().expect("text"), family.to_json().expect("text"));
+        // An hour of heating alone: no fit by itself knows how it cools.
+        let short = [run("20,60@1,20m", 1, 91, 0.25)];
+        let whole = run("verify", 1, 92, 0.25);
+        let prepared = family.prepare(&short, Units::Same).expect("usable");
+        let member = family.member(&prepared, [None; AXES]).expect("fitted");
+        assert!(member.belongs(), "{}", member.sentence(&family));
+        let image = family.image(&member, &prepared, &mut Vec::new());
+        let left = |c: &Calibration| {
+            let steps = hrg_data::recording::steps::Steps::new(&whole).expect("usable");
+            let seconds = correct(c, &steps);
+            seconds.iter().map(|r| std_dev(&hrg_data::numeric::stats::block_means(r, 100)).powi(2)).sum::<f64>().sqrt()
+        };
+        let alone = prepare(&short).expect("usable");
+        let data = Data::new(&alone.runs, alone.calibration.scaling, alone.mean_lag_s());
+        let alone =
+            Fitted::plain(&data).expect("fitted").image(&alone.calibration, &[None, None, None], &mut Vec::new());
+        let (with, without) = (left(&image), left(&alone));
+        assert!(with < 0.5 * without && with < 1.0, "{with} {without}");
+        // A unit of another design.
+        let other = [run("20,60@1,20m", 7, 93, 0.0)];
+        let other = family.member(&family.prepare(&other, Units::Same).expect("usable"), [None; AXES]).expect("fitted");
+        assert!(!other.belongs(), "{}", other.sentence(&family));
+        assert!(Family::from_json("{}").expect_err("none").0.contains("hrg family"));
+        let few = vec![vec![run("cycle", 1, 1, 0.0)]; 1];
+        assert!(Family::learn("few", few).expect_err("too few").0.contains("needs 4 units"));
     }
 }

@@ -261,6 +261,11 @@ impl Day<'_> {
             println!("   not burnt: it does not pass");
             return Ok(false);
         }
+        let traced: serde_json::Value = serde_json::from_slice(&std::fs::read(self.file("trace.json"))?)?;
+        if traced["image"] == "none" {
+            println!("   not burnt: no image leaves less than the raw rates on the verify run");
+            return Ok(false);
+        }
         if !self.arguments.yes {
             if !std::io::stdin().is_terminal() {
                 println!("   not burnt: nobody is there to say yes; give --yes, or call the command in a terminal");
