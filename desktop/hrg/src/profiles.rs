@@ -65,7 +65,7 @@ pub fn best(judged: &[Judged]) -> Option<&Judged> {
     best.map(|b| b.2)
 }
 
-/// What a chamber is able to do, and what its runs are for.
+/// Limits of a chamber, and what its runs are for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wanted {
     /// Lowest and highest temperature of the chamber, C.

@@ -1,4 +1,4 @@
-//! What a family spares the next unit: units of one design by the second plant, a short run under the family against a long one without.
+//! Hours that a family spares the next unit: units of one design by the second plant, a short run under the family against a long one without.
 
 use crate::inputs::Unit;
 use anyhow::{Context, Result};
@@ -45,7 +45,7 @@ struct OnJudge {
     error_dph: [f64; AXES],
     /// Mean squared error over mean stated variance, constant included, where nothing is flagged.
     squared: [f64; AXES],
-    /// What a user measures: standard deviation of the corrected rates' means, noise included.
+    /// The figure that a user measures: standard deviation of the corrected rates' means, noise included.
     left_dph: [f64; AXES],
 }
 
@@ -80,7 +80,7 @@ struct Row {
     name: String,
     /// The long run without the family, the short one without, the short one with.
     images: [OnJudge; 3],
-    /// Was it taken for one of the family?
+    /// `true` if it was taken for one of the family.
     belongs: bool,
     hours: [f64; 2],
 }

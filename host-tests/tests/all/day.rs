@@ -83,18 +83,18 @@ pub fn steps(minutes: u32, slope_dph_per_c: f64) -> Steps {
 
 /// Runs the board while something is done, half an hour of its time at most; its flash stays in the folder.
 fn power(folder: &Path, speed: f64, work: impl FnOnce()) {
-    power_for(steps(29, 0.0), folder, speed, work);
+    power_for(&steps(29, 0.0), folder, speed, work);
 }
 
 /// The same with what the board lives through.
-pub fn power_for(steps: Steps, folder: &Path, speed: f64, work: impl FnOnce()) {
+pub fn power_for(steps: &Steps, folder: &Path, speed: f64, work: impl FnOnce()) {
     let elf = elf();
     // Built before the board's time runs.
     let _ = command(folder, "");
     let options = serve::Options { speed, seconds: None, folder: folder.to_path_buf(), as_on_chip: false };
     let stop = AtomicBool::new(false);
     std::thread::scope(|s| {
-        let board = s.spawn(|| serve::serve(&elf, None, &steps, &options, &stop));
+        let board = s.spawn(|| serve::serve(&elf, None, steps, &options, &stop));
         while !folder.join("link").exists() {
             assert!(!board.is_finished(), "the board runs");
             std::thread::sleep(Duration::from_millis(20));

@@ -12,7 +12,7 @@ fn one_command_calibrates_a_unit_and_goes_on_where_it_was_stopped() {
     let d = folder("production");
     let run = "calibrate --port link --profile 20,35m --verify-profile 21,35m --limit 100 --from 8 --to 18 --folder unit --unit HRG-042 \
                --latitude 28.2 --axes x=north_y=east_z=down --yes";
-    power_for(steps(85, 0.5), &d, 30.0, || {
+    power_for(&steps(85, 0.5), &d, 30.0, || {
         // A third of the train run, then Ctrl-C.
         let mut first = command(&d, run).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("starts");
         let rows = || std::fs::read_to_string(d.join("unit/train-1.csv")).map_or(0, |t| t.lines().count());
@@ -23,12 +23,12 @@ fn one_command_calibrates_a_unit_and_goes_on_where_it_was_stopped() {
         let pid = first.id().to_string();
         assert!(std::process::Command::new("kill").args(["-INT", &pid]).status().expect("kill").success());
         let output = first.wait_with_output().expect("ends");
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert!(!output.status.success() && said.contains("the same command goes on there"), "{said}");
+        let reported = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success() && reported.contains("the same command goes on there"), "{reported}");
         // The same command goes on to the end.
         let output = command(&d, run).output().expect("runs");
-        let (printed, said) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-        assert!(output.status.success(), "{printed}{said}");
+        let (printed, reported) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+        assert!(output.status.success(), "{printed}{reported}");
         for line in ["1. built-in test: done before", "of it are recorded", "PASS", "burnt, read back"] {
             assert!(printed.contains(line), "{line}: {printed}");
         }

@@ -49,7 +49,7 @@ pub struct UnitFiles {
     pub calibration: Option<PathBuf>,
 }
 
-/// What a fleet is looked at for.
+/// Wishes for a fleet.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Wanted {
     /// File of a family to which the units should belong.
@@ -67,7 +67,7 @@ pub struct Row {
     pub batch: String,
     /// Number of its recordings.
     pub runs: usize,
-    /// What could not be used, and why; empty where all could.
+    /// Reasons why something could not be used; empty where all could.
     pub error: String,
     /// Verdict of the trace; empty where it has one run only.
     pub verdict: String,
@@ -269,7 +269,7 @@ fn traced(out: &mut Row, train: &[Recording], verify: &Recording) -> anyhow::Res
     Ok(traced.image)
 }
 
-/// What the calibration in use leaves of the last run, over what it states: a unit whose calibration has aged leaves more.
+/// The error that the calibration in use leaves of the last run, over what it states: a unit whose calibration has aged leaves more.
 fn aged(out: &mut Row, c: &Calibration, steps: &Steps) {
     let seconds = fit::correct::correct(c, steps);
     for a in steps.present() {

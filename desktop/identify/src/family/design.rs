@@ -1,4 +1,4 @@
-//! What a chamber run is expected to tell of the next unit of a family: Bayesian experimental design.
+//! Knowledge that a chamber run is expected to bring of the next unit of a family: Bayesian experimental design.
 //!
 //! Before a run is made, its columns are known (they are those of its temperatures), its noise is the family's, and so is the covariance that the
 //! coefficients will have behind it: no rate is needed (Lindley 1956; Chaloner and Verdinelli 1995, A-optimality). The figure of a run is the mean
@@ -25,7 +25,7 @@ impl Family {
         Data::in_blocks(std::slice::from_ref(run), self.scaling, self.lag_s, self.coarse_s)
     }
 
-    /// What uncertainty over a run is made of.
+    /// The parts of the uncertainty over a run.
     #[must_use]
     pub fn over(&self, run: &Run) -> Over {
         let (data, specification) = (self.blocks(run), self.specification());

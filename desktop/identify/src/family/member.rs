@@ -3,7 +3,7 @@
 //! For one axis, `theta ~ N(mean, between + days)` before its runs are seen. What is seen decides how far it moves, under each noise model of
 //! [`crate::trace::noise`]; the variance of the noise is that of the highest likelihood.
 //!
-//! A unit belongs unless its runs are more probable under what they say by themselves than under the family, at the odds of any claim. By itself a unit has a prior that is worth
+//! A unit belongs unless its runs are more probable under what they say by themselves than under the family, at the odds of any claim. By itself a unit has a prior with the weight of
 //! one row of its own data about what was found (Kass and Wasserman 1995): it costs each free coefficient half the logarithm of the rows.
 
 use super::{Family, OfAxis, STATES_EVERY_S};
@@ -133,7 +133,7 @@ impl Family {
     pub fn image(&self, member: &Member, prepared: &Prepared, notes: &mut Vec<String>) -> Calibration {
         let mut base = Calibration { sequence: 1, ..prepared.calibration.clone() };
         for (a, axis) in base.axes.iter_mut().enumerate() {
-            // What the family's units have shown holds for this one: its ranges are theirs, and the map of its states lies over them.
+            // All that the family's units have shown holds for this one: its ranges are theirs, and the map of its states lies over them.
             let own: Vec<(f32, f32)> = prepared.runs.iter().flat_map(|run| visited_by(run, a)).collect();
             let [low, high] = self.temperatures_c;
             axis.curve.valid_from_c = axis.curve.valid_from_c.min(low);
@@ -182,13 +182,13 @@ fn visited_by(run: &Run, a: usize) -> impl Iterator<Item = (f32, f32)> + '_ {
     (0..run.steps.len()).step_by(STATES_EVERY_S).filter_map(move |k| run.state(k, a))
 }
 
-/// Log evidence of the rows of an axis under columns of which nothing is known but a prior that is worth one row.
+/// Log evidence of the rows of an axis under columns of which nothing is known but a prior with the weight of one row.
 fn alone(rows: &AxisRows, columns: &[Vec<f64>]) -> Option<f64> {
     let found = posterior(rows, columns, &vec![None; columns.len()])?;
     Some(absolute(&found, rows.y.len(), columns.len()))
 }
 
-/// The restricted likelihood of a posterior as a log density of the rows: its `count` first coefficients have no prior, and are given one that is worth one
+/// The restricted likelihood of a posterior as a log density of the rows: its `count` first coefficients have no prior, and are given one with the weight of one
 /// row.
 #[must_use]
 pub fn absolute(found: &Posterior, rows: usize, count: usize) -> f64 {
@@ -280,7 +280,7 @@ pub fn under(rows: &AxisRows, columns: &[Vec<f64>], axis: &OfAxis) -> Option<(Po
     Some((Posterior::of(each, evidence), evidence))
 }
 
-/// What a day's coefficients say of the unit's, and so of another day's: theta and its day are drawn from `between` and `days`, and their sum is
+/// Knowledge that a day's coefficients give of the unit's, and so of another day's: theta and its day are drawn from `between` and `days`, and their sum is
 /// known with a covariance.
 pub(super) fn another_day(
     sum: &DVector<f64>,

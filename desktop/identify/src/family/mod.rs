@@ -1,4 +1,4 @@
-//! What the units of one design share, learnt from recordings of some of them, for the next one.
+//! Common properties of the units of one design, learnt from recordings of some of them, for the next one.
 //!
 //! A family is a model (centre and scale, effects with their parameters) and, by axis, the distribution of its coefficients over the units and from day
 //! to day ([`population`]). Its effects are found on units side by side, each with a baseline of its own, by the search and the score of
@@ -41,7 +41,7 @@ const SEARCHED: usize = 12;
 /// Seconds between the states that are marked as visited.
 const STATES_EVERY_S: usize = 30;
 
-/// What a run tells of an axis.
+/// Facts of a run about an axis.
 struct Told {
     of_run: OfRun,
     noise: NoiseFacts,
@@ -267,7 +267,7 @@ impl Family {
         Specification { terms, ramp_prior: [None; AXES] }
     }
 
-    /// What a run tells of each axis.
+    /// Facts of a run about each axis.
     fn told(&self, specification: &Specification, run: &Run) -> [Option<Told>; AXES] {
         let data = Data::in_blocks(std::slice::from_ref(run), self.scaling, self.lag_s, self.coarse_s);
         [0, 1, 2].map(|a: usize| {

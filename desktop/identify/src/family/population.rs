@@ -1,4 +1,4 @@
-//! What the units of a design share: the distribution of their coefficients, by empirical Bayes.
+//! Common properties of the units of a design: the distribution of their coefficients, by empirical Bayes.
 //!
 //! The coefficients of a unit are drawn from one normal distribution over the design, those of a day from one about its unit's:
 //!
@@ -12,7 +12,7 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-/// What one run tells of the coefficients: information and right-hand side of its generalised least squares.
+/// Facts of one run about the coefficients: information and right-hand side of its generalised least squares.
 #[derive(Debug, Clone)]
 pub struct OfRun {
     /// X' N^-1 X, N the covariance of the noise.
@@ -53,7 +53,7 @@ pub const FEWEST: usize = 4;
 /// Smallest variance, as a share of the mean square of a coefficient: keeps the covariance invertible.
 const LEAST: f64 = 1e-8;
 
-/// What a unit's runs tell once the days are integrated out.
+/// Facts of a unit's runs once the days are integrated out.
 struct Expected {
     mean: DVector<f64>,
     covariance: DMatrix<f64>,
@@ -150,7 +150,7 @@ impl Population {
         Some(now)
     }
 
-    /// Where the steps begin: each unit by itself, with a little of the mean information of all.
+    /// The begin of the steps: each unit by itself, with a little of the mean information of all.
     fn first(units: &[&OfUnit]) -> Option<Self> {
         let sums: Vec<(DMatrix<f64>, DVector<f64>)> = units
             .iter()

@@ -378,7 +378,7 @@ fn structure(
 /// A fit that says more than the search's, with its uncertainty.
 type Better = (Fitted, uncertainty::Known);
 
-/// The unit under its family, against what the search has found: what is said of it, and its fit where that says more.
+/// The unit under its family, against what the search has found: what it makes of it, and its fit where that says more.
 fn of_family(
     options: &Options,
     prepared: &Prepared,

@@ -275,7 +275,7 @@ pub fn cleaned<'r>(recordings: impl IntoIterator<Item = (String, &'r Recording)>
     out
 }
 
-/// What a family says of a unit.
+/// A unit under the family that was offered.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Prior {
     /// Its name.

@@ -129,7 +129,7 @@ impl Day<'_> {
         println!("{}", painted(&report.table(false)));
         if report.verdict != "PASS" {
             return Err(BadInput(format!(
-                "{}: the unit does not pass its own test; mend that first",
+                "{}: the unit does not pass its own test; repair that first",
                 self.arguments.port
             ))
             .into());
@@ -205,7 +205,7 @@ impl Day<'_> {
         write_file(&self.file(&done), format!("{} rows\n", self.rows(role)).as_bytes())
     }
 
-    /// Is enough known of the unit under its family?
+    /// `true` if enough is known of the unit under its family.
     fn enough(&self, role: &str) -> Result<bool> {
         let Some((family, over)) = &self.family else { return Ok(false) };
         // (In its first minutes a run may hold too little for anything.)

@@ -43,7 +43,7 @@ pub struct Arguments {
     #[arg(long, requires = "added")]
     verify: Vec<PathBuf>,
     /// A family of units of the same design (hrg family): the coefficients are those of the highest probability under it and the recordings. A unit
-    /// that does not belong to it is said so and fitted without.
+    /// that does not belong to it is reported and fitted without.
     #[arg(long, value_name = "FAMILY", conflicts_with_all = ["added", "method", "uniform", "breakpoint", "degree", "history"])]
     prior: Option<PathBuf>,
     /// Method of identification (docs/methods.md)
@@ -161,7 +161,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     Ok(())
 }
 
-/// The image of a unit under a family, and what is said about it; none of a unit that does not belong to it.
+/// The image of a unit under a family, and the remarks on it; none of a unit that does not belong to it.
 fn under(family: &Family, prepared: &fit::Prepared) -> Result<(Option<Calibration>, Vec<String>)> {
     let member = family.member(prepared, [None; AXES])?;
     let mut notes = vec![member.sentence(family)];
