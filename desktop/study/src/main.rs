@@ -186,7 +186,7 @@ enum Command {
     ///
     /// Example: hrg-study inputs --folder out/inputs
     Inputs(hrg_study::inputs::Arguments),
-    /// What a family spares the next unit: a short run under it against a long one without, on units of one design by the second plant.
+    /// Hours that a family spares the next unit: a short run under it against a long one without, on units of one design by the second plant.
     ///
     /// Example: hrg-study family --folder out/family/memory-rod-1
     Family(hrg_study::family::Arguments),
