@@ -356,7 +356,7 @@ const DESIGNS: [(&str, u64, &str); 4] = [
 /// Units that a family is learnt from.
 const LEARNT_FROM: &str = "30";
 
-/// What a family spares the next unit: families, the runs that they ask for, and new units on them.
+/// Hours that a family spares the next unit: families, the runs that they ask for, and new units on them.
 fn families(arguments: &[String]) -> Result<(), Failure> {
     let count = arguments.first().map_or("40", String::as_str);
     let plant = foreign_plant()?;
