@@ -281,7 +281,7 @@ impl Day<'_> {
                 return Ok(false);
             }
         }
-        burn(&BurnArguments::of(&self.file("calibration.toml"), &self.arguments.port))?;
+        burn(&BurnArguments::of(&self.file("calibration.toml"), &self.arguments.port, &self.arguments.recording))?;
         write_file(&self.file("burnt.done"), b"burnt, read back\n")?;
         Ok(true)
     }

@@ -338,10 +338,10 @@ pub struct BurnArguments {
 }
 
 impl BurnArguments {
-    /// A calibration for a unit whose name both know.
-    pub fn of(calibration: &Path, port: &str) -> Self {
+    /// A calibration for the unit that was recorded with these facts.
+    pub fn of(calibration: &Path, port: &str, recorded: &RecordArguments) -> Self {
         let (calibration, port) = (calibration.to_path_buf(), port.to_string());
-        Self { calibration, port, unit: None, new_scale_factor: false, key: None }
+        Self { calibration, port, unit: recorded.unit.clone(), new_scale_factor: false, key: None }
     }
 }
 
