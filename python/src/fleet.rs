@@ -68,9 +68,5 @@ pub fn fleet_keep(
 #[pyfunction]
 pub fn fleet_write(out: PathBuf, title: &str, rows: Vec<String>) -> PyResult<()> {
     let rows: Vec<Row> = rows.iter().map(|r| row_of(r)).collect::<PyResult<_>>()?;
-    let write = || -> anyhow::Result<()> {
-        hrg_data::output::write_file(&out.join("fleet.parquet"), &fleet::parquet(&rows)?)?;
-        hrg_data::output::write_file(&out.join("fleet.html"), fleet::html(title, &rows)?.as_bytes())
-    };
-    write().map_err(refused)
+    fleet::write(&out, title, &rows).map_err(refused)
 }

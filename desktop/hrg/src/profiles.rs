@@ -108,7 +108,9 @@ pub struct Designs {
     pub each: Vec<Designed>,
 }
 
-fn largest(each: [f64; AXES]) -> f64 {
+/// The largest of three axes; axes that are not there do not count.
+#[must_use]
+pub fn largest(each: [f64; AXES]) -> f64 {
     each.into_iter().filter(|v| v.is_finite()).fold(0.0, f64::max)
 }
 

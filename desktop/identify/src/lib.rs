@@ -13,6 +13,7 @@
 pub mod family;
 pub mod fit;
 pub mod forces;
+mod matrices;
 pub mod rates;
 pub mod thermometer;
 pub mod trace;

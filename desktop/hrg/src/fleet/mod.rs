@@ -7,8 +7,9 @@
 mod page;
 mod table;
 
-pub use page::{html, outliers, Outlier};
-pub use table::{columns, parquet};
+use page::html;
+pub use page::{outliers, Outlier};
+use table::parquet;
 
 use crate::judge::{judge, Limit};
 use crate::report;
@@ -56,6 +57,14 @@ pub struct Wanted {
     pub family: Option<PathBuf>,
     /// Largest error that passes, deg/h, and the range of temperatures, C.
     pub limit: Option<[f64; 3]>,
+}
+
+impl Wanted {
+    /// The limit by which units are judged, if there is one.
+    #[must_use]
+    pub fn judged_by(&self) -> Option<Limit> {
+        self.limit.map(|[limit_dph, from_c, to_c]| Limit { limit_dph, from_c, to_c, means_s: fit::MEAN_S })
+    }
 }
 
 /// One unit.
@@ -221,8 +230,7 @@ fn fill(out: &mut Row, files: &UnitFiles, wanted: &Wanted) -> anyhow::Result<()>
     } else {
         in_use
     };
-    if let (Some([limit_dph, from_c, to_c]), Some(image), Some(verify)) = (wanted.limit, &image, runs.last()) {
-        let limit = Limit { limit_dph, from_c, to_c, means_s: fit::MEAN_S };
+    if let (Some(limit), Some(image), Some(verify)) = (wanted.judged_by(), &image, runs.last()) {
         let judged = judge(std::slice::from_ref(verify), image, &limit)?;
         out.passes = judged.verdict.word().to_string();
         for (name, axis) in &judged.axes {
@@ -356,6 +364,15 @@ fn key(files: &UnitFiles, wanted: &Wanted) -> String {
     };
     let all: Vec<_> = files.runs.iter().chain(&files.calibration).chain(&wanted.family).map(of).collect();
     format!("{VERSION} {} {wanted:?} {all:?}", env!("CARGO_PKG_VERSION"))
+}
+
+/// Writes table (`fleet.parquet`) and page (`fleet.html`) of some rows into a folder.
+///
+/// # Errors
+/// Files that cannot be written.
+pub fn write(out: &Path, title: &str, rows: &[Row]) -> anyhow::Result<()> {
+    hrg_data::output::write_file(&out.join("fleet.parquet"), &parquet(rows)?)?;
+    hrg_data::output::write_file(&out.join("fleet.html"), html(title, rows)?.as_bytes())
 }
 
 /// The rows of all units, on all cores, in the order of the units. `each` is told of each row as it comes: `true` where it was kept.

@@ -1,6 +1,7 @@
 //! The page of a fleet.
 
 use super::Row;
+use hrg_data::axes::AXIS_NAMES;
 use hrg_data::numeric::stats::{median, quantile};
 use hrg_data::page::{boxed, folded, page, pictures, Tone};
 use hrg_data::plot::{escape, Panel, Series};
@@ -64,7 +65,7 @@ pub fn outliers(rows: &[Row]) -> Vec<Outlier> {
 
 /// The shares of units at or below each value: a distribution without bins.
 fn distribution(rows: &[Row], figure: &str) -> Option<Panel> {
-    let series: Vec<Series> = ["x", "y", "z"]
+    let series: Vec<Series> = AXIS_NAMES
         .iter()
         .enumerate()
         .filter_map(|(a, axis)| {
@@ -123,7 +124,7 @@ fn batches(rows: &[Row]) -> String {
 ///
 /// # Errors
 /// If the drawing library fails.
-pub fn html(title: &str, rows: &[Row]) -> anyhow::Result<String> {
+pub(super) fn html(title: &str, rows: &[Row]) -> anyhow::Result<String> {
     let bad: Vec<&Row> = rows.iter().filter(|r| !r.error.is_empty()).collect();
     let count = |of: &dyn Fn(&Row) -> &str| {
         let mut each: BTreeMap<String, usize> = BTreeMap::new();
@@ -185,14 +186,13 @@ pub fn html(title: &str, rows: &[Row]) -> anyhow::Result<String> {
 
 /// `true` where the calibration in use leaves more than twice what it states on an axis.
 fn has_aged(r: &Row) -> bool {
-    ["x", "y", "z"].iter().any(|a| r.figure(&format!("in_use_over_stated_{a}")).is_some_and(|v| v > 2.0))
+    AXIS_NAMES.iter().any(|a| r.figure(&format!("in_use_over_stated_{a}")).is_some_and(|v| v > 2.0))
 }
 
 fn units(rows: &[Row]) -> String {
     let mut s = String::from("<div class=wide><table><tr><th>unit<th class=left>batch<th>runs<th class=left>verdict<th>burn<th class=left>effects<th>image x y z [deg/h]<th>floor x y z [deg/h]<th>limit");
     let three = |r: &Row, name: &str| {
-        let each =
-            ["x", "y", "z"].map(|a| r.figure(&format!("{name}_{a}")).map_or("-".to_string(), |v| format!("{v:.3}")));
+        let each = AXIS_NAMES.map(|a| r.figure(&format!("{name}_{a}")).map_or("-".to_string(), |v| format!("{v:.3}")));
         each.join(" ")
     };
     for r in rows {

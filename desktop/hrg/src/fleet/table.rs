@@ -5,8 +5,7 @@ use hrg_data::recording::parquet::{write_table, Cells};
 use std::collections::BTreeSet;
 
 /// The columns of the table: those that each unit has, then the figures by their names.
-#[must_use]
-pub fn columns(rows: &[Row]) -> Vec<(String, Cells)> {
+fn columns(rows: &[Row]) -> Vec<(String, Cells)> {
     let text =
         |name: &str, of: &dyn Fn(&Row) -> String| (name.to_string(), Cells::Texts(rows.iter().map(of).collect()));
     let number =
@@ -31,6 +30,6 @@ pub fn columns(rows: &[Row]) -> Vec<(String, Cells)> {
 ///
 /// # Errors
 /// None in practice.
-pub fn parquet(rows: &[Row]) -> anyhow::Result<Vec<u8>> {
+pub(super) fn parquet(rows: &[Row]) -> anyhow::Result<Vec<u8>> {
     write_table(&columns(rows))
 }

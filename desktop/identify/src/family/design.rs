@@ -6,6 +6,7 @@
 
 use super::member::another_day;
 use super::{Family, OfAxis};
+use crate::matrices::symmetric;
 use crate::trace::data::Data;
 use crate::trace::noise::NOISE_MODELS;
 use crate::trace::uncertainty::square_root;
@@ -17,14 +18,10 @@ use nalgebra::{DMatrix, DVector};
 /// A run over which uncertainty is stated: the mean products of the columns of its bias, about their means.
 #[derive(Debug, Clone)]
 pub struct Over {
-    axes: [Option<DMatrix<f64>>; AXES],
+    pub(super) axes: [Option<DMatrix<f64>>; AXES],
 }
 
 impl Family {
-    fn blocks<'r>(&self, run: &'r Run) -> Data<'r> {
-        Data::in_blocks(std::slice::from_ref(run), self.scaling, self.lag_s, self.coarse_s)
-    }
-
     /// The parts of the uncertainty over a run.
     #[must_use]
     pub fn over(&self, run: &Run) -> Over {
@@ -41,7 +38,7 @@ impl Family {
                 })
                 .collect();
             let p = centred.len();
-            (n > 0).then(|| DMatrix::from_fn(p, p, |i, j| dot(&centred[i], &centred[j]) / n as f64))
+            (n > 0).then(|| symmetric(p, |i, j| dot(&centred[i], &centred[j]) / n as f64))
         };
         Over { axes: [of(0), of(1), of(2)] }
     }
@@ -87,18 +84,11 @@ const SMALL: f64 = 0.02;
 fn behind(axis: &OfAxis, data: &Data<'_>, a: usize, columns: &[Vec<f64>], noise_model: usize) -> DMatrix<f64> {
     let rows = &data.axes[a];
     let days = DMatrix::from_diagonal(&axis.population.days);
-    let x: Vec<Vec<f64>> = columns
-        .iter()
-        .map(|c| {
-            let mut c = c.clone();
-            rows.filters.whiten(noise_model, &mut c);
-            c
-        })
-        .collect();
+    let x: Vec<Vec<f64>> = columns.iter().map(|c| rows.filters.whitened(noise_model, c)).collect();
     let variance = axis.noise.white_dph2_s / data.block_s as f64 * NOISE_MODELS[noise_model].innovation();
     let root = square_root(&(&axis.population.between + &days));
     let p = x.len();
-    let gram = DMatrix::from_fn(p, p, |i, j| dot(&x[i], &x[j]) / variance);
+    let gram = symmetric(p, |i, j| dot(&x[i], &x[j]) / variance);
     let m = DMatrix::identity(p, p) + root.transpose() * gram * &root;
     let Some(inverse) = m.cholesky().map(|f| f.inverse()) else { return &axis.population.between + days };
     let covariance = &root * inverse * root.transpose();

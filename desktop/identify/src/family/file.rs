@@ -96,13 +96,16 @@ struct File {
     ramps_c_per_min: [f32; 2],
     lag_s: f64,
     coarse_s: usize,
-    scaling: OfScaling,
+    #[serde(with = "OfScaling")]
+    scaling: Scaling,
     effects: Vec<FamilyTerm>,
     axes: BTreeMap<String, AxisFacts>,
     sources: Vec<Source>,
 }
 
+/// The fields of a [`Scaling`] in the file.
 #[derive(Serialize, Deserialize)]
+#[serde(remote = "Scaling")]
 struct OfScaling {
     t_ref_c: f32,
     t_scale_c: f32,
@@ -118,7 +121,6 @@ impl Family {
     /// # Errors
     /// Numbers that JSON does not hold.
     pub fn to_json(&self) -> Result<String, BadInput> {
-        let s = self.scaling;
         let axes = AXIS_NAMES.iter().enumerate().filter_map(|(a, name)| {
             let axis = self.axes[a].as_ref()?;
             let p = &axis.population;
@@ -145,14 +147,7 @@ impl Family {
             ramps_c_per_min: self.ramps_c_per_min,
             lag_s: self.lag_s,
             coarse_s: self.coarse_s,
-            scaling: OfScaling {
-                t_ref_c: s.t_ref_c,
-                t_scale_c: s.t_scale_c,
-                linear_below_c: s.linear_below_c,
-                linear_above_c: s.linear_above_c,
-                linear_beyond_c_per_min: s.linear_beyond_c_per_min,
-                blend_band_c_per_min: s.blend_band_c_per_min,
-            },
+            scaling: self.scaling,
             effects: self.terms.clone(),
             axes: axes.collect(),
             sources: self.sources.clone(),
@@ -179,18 +174,10 @@ impl Family {
                 p.effect
             )));
         }
-        let s = file.scaling;
         let mut family = Self {
             name: file.name,
             sources: file.sources,
-            scaling: Scaling {
-                t_ref_c: s.t_ref_c,
-                t_scale_c: s.t_scale_c,
-                linear_below_c: s.linear_below_c,
-                linear_above_c: s.linear_above_c,
-                linear_beyond_c_per_min: s.linear_beyond_c_per_min,
-                blend_band_c_per_min: s.blend_band_c_per_min,
-            },
+            scaling: file.scaling,
             terms: file.effects,
             temperatures_c: file.temperatures_c,
             ramps_c_per_min: file.ramps_c_per_min,

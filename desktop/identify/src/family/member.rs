@@ -6,22 +6,21 @@
 //! A unit belongs unless its runs are more probable under what they say by themselves than under the family, at the odds of any claim. By itself a unit has a prior with the weight of
 //! one row of its own data about what was found (Kass and Wasserman 1995): it costs each free coefficient half the logarithm of the rows.
 
-use super::{Family, OfAxis, STATES_EVERY_S};
-use crate::fit::Prepared;
+use super::{Family, OfAxis};
+use crate::fit::{states_of, Prepared};
+use crate::matrices::{log_determinant, symmetric};
 use crate::trace::data::{AxisRows, Data};
 use crate::trace::model::{AxisFit, Fitted, Specification};
 use crate::trace::noise::NOISE_MODELS;
 use crate::trace::odds::THRESHOLD;
 use crate::trace::regression::{posterior, Posterior, Under};
 use crate::trace::uncertainty::{self, Known};
-use hrg_core::bias::TERMS;
 use hrg_core::calibration::Calibration;
 use hrg_core::visited::Visited;
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
 use hrg_data::numeric::stats::{dot, log_sum};
-use hrg_data::recording::steps::Run;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 /// Log evidence of the runs of an axis.
@@ -48,7 +47,7 @@ pub struct Member {
     pub fitted: Fitted,
     /// Its uncertainty.
     pub known: Known,
-    /// By axis: does it belong? `None` for an axis that the unit or the family does not have.
+    /// By axis, whether it belongs; `None` for an axis that the unit or the family does not have.
     pub evidence: [Option<Evidence>; AXES],
 }
 
@@ -92,18 +91,14 @@ impl Family {
     pub fn member(&self, prepared: &Prepared, own: [Option<f64>; AXES]) -> Result<Member, BadInput> {
         let data = Data::in_blocks(&prepared.runs, self.scaling, prepared.mean_lag_s(), self.coarse_s);
         let specification = self.specification();
-        let mut evidence = [None; AXES];
-        for a in 0..AXES {
-            let rows = &data.axes[a];
-            let Some(axis) = self.axes[a].as_ref().filter(|_| !rows.y.is_empty()) else { continue };
-            let days = rows.base.len() - TERMS;
-            let columns = specification.columns(&data, a).values;
-            let family = under(rows, &columns[..columns.len() - days], axis).map_or(f64::NEG_INFINITY, |(_, e)| e);
-            let alone =
-                [alone(rows, &columns), alone(rows, &Specification::default().columns(&data, a).values), own[a]];
-            evidence[a] = Some(Evidence { family, own: alone.into_iter().flatten().fold(f64::NEG_INFINITY, f64::max) });
-        }
         let fitted = self.fitted(&data, &specification)?;
+        let evidence = std::array::from_fn(|a| {
+            let family = fitted.axes[a].posterior.as_ref()?.evidence;
+            let columns = |of: &Specification| of.columns(&data, a).values;
+            let alone = |of| alone(&data.axes[a], &columns(of));
+            let own = [alone(&specification), alone(&Specification::default()), own[a]];
+            Some(Evidence { family, own: own.into_iter().flatten().fold(f64::NEG_INFINITY, f64::max) })
+        });
         let known = uncertainty::given(&data, &fitted);
         Ok(Member { fitted, known, evidence })
     }
@@ -114,7 +109,7 @@ impl Family {
                 BadInput(format!("the family {} has no such axis; learn it from units that have it", self.name))
             })?;
             let count = columns.values.len() - days;
-            let (mut found, _) = under(&data.axes[a], &columns.values[..count], axis)
+            let mut found = under(&data.axes[a], &columns.values[..count], axis)
                 .ok_or_else(|| BadInput::new("the equations are singular; record a longer run"))?;
             let widen = |c: &DMatrix<f64>| c.clone().resize(count + days, count + days, 0.0);
             found.coefficients = found.coefficients.resize_vertically(count + days, 0.0);
@@ -134,7 +129,7 @@ impl Family {
         let mut base = Calibration { sequence: 1, ..prepared.calibration.clone() };
         for (a, axis) in base.axes.iter_mut().enumerate() {
             // All that the family's units have shown holds for this one: its ranges are theirs, and the map of its states lies over them.
-            let own: Vec<(f32, f32)> = prepared.runs.iter().flat_map(|run| visited_by(run, a)).collect();
+            let own: Vec<(f32, f32)> = prepared.runs.iter().flat_map(|run| states_of(run, a)).collect();
             let [low, high] = self.temperatures_c;
             axis.curve.valid_from_c = axis.curve.valid_from_c.min(low);
             axis.curve.valid_to_c = axis.curve.valid_to_c.max(high);
@@ -177,11 +172,6 @@ pub fn of_fit(data: &Data<'_>, fitted: &Fitted, log_prior: f64) -> [Option<f64>;
     })
 }
 
-/// States of an axis that a run visited, each half minute.
-fn visited_by(run: &Run, a: usize) -> impl Iterator<Item = (f32, f32)> + '_ {
-    (0..run.steps.len()).step_by(STATES_EVERY_S).filter_map(move |k| run.state(k, a))
-}
-
 /// Log evidence of the rows of an axis under columns of which nothing is known but a prior with the weight of one row.
 fn alone(rows: &AxisRows, columns: &[Vec<f64>]) -> Option<f64> {
     let found = posterior(rows, columns, &vec![None; columns.len()])?;
@@ -195,12 +185,12 @@ pub fn absolute(found: &Posterior, rows: usize, count: usize) -> f64 {
     let free = rows as f64 - count as f64;
     let log_turn = (2.0 * std::f64::consts::PI).ln();
     let block = found.covariance.view((0, 0), (count, count)).clone_owned();
-    let spread = block.cholesky().map_or(0.0, |f| 2.0 * f.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>());
+    let spread = block.cholesky().map_or(0.0, |f| log_determinant(&f));
     found.evidence - 0.5 * free * (log_turn + 1.0) - 0.5 * (count as f64 * (log_turn + (rows as f64).ln()) + spread)
 }
 
-/// The coefficients of an axis for another day under a family, and the log evidence of its rows. `columns`: without those of the days.
-pub fn under(rows: &AxisRows, columns: &[Vec<f64>], axis: &OfAxis) -> Option<(Posterior, f64)> {
+/// The coefficients of an axis for another day under a family, with the log evidence of its rows. `columns`: without those of the days.
+fn under(rows: &AxisRows, columns: &[Vec<f64>], axis: &OfAxis) -> Option<Posterior> {
     let (p, runs, population) = (columns.len(), rows.starts.len(), &axis.population);
     if population.mean.len() != p {
         return None;
@@ -217,29 +207,19 @@ pub fn under(rows: &AxisRows, columns: &[Vec<f64>], axis: &OfAxis) -> Option<(Po
         for run in 0..runs {
             let at = p * (run + 1);
             prior.view_mut((at, at), (p, p)).copy_from(&days);
-            all.extend(columns.iter().map(|c| {
-                let mut own = vec![0.0; c.len()];
-                own[rows.run(run)].copy_from_slice(&c[rows.run(run)]);
-                own
-            }));
+            all.extend(columns.iter().map(|c| rows.in_run(run, c)));
         }
     }
     let root = uncertainty::square_root(&prior);
     let n = rows.y.len() as f64;
     let mut each: Vec<(f64, Under)> = Vec::new();
     for noise_model in 0..NOISE_MODELS.len() {
-        let whitened = |x: &[f64]| {
-            let mut x = x.to_vec();
-            rows.filters.whiten(noise_model, &mut x);
-            x
-        };
-        let x: Vec<Vec<f64>> = all.iter().map(|c| whitened(c)).collect();
-        let mut left = whitened(&rows.y);
+        let x: Vec<Vec<f64>> = all.iter().map(|c| rows.filters.whitened(noise_model, c)).collect();
+        let mut left = rows.filters.whitened(noise_model, &rows.y);
         for (column, m) in x.iter().zip(&mean) {
             hrg_data::numeric::stats::take_off(&mut left, *m, column);
         }
-        let gram = DMatrix::from_fn(x.len(), x.len(), |i, j| if i <= j { dot(&x[i], &x[j]) } else { 0.0 });
-        let gram = DMatrix::from_fn(x.len(), x.len(), |i, j| gram[(i.min(j), i.max(j))]);
+        let gram = symmetric(x.len(), |i, j| dot(&x[i], &x[j]));
         let e = SymmetricEigen::new(root.transpose() * gram * &root);
         let b = e.eigenvectors.transpose() * root.transpose() * DVector::from_fn(x.len(), |i, _| dot(&x[i], &left));
         let values: Vec<f64> = e.eigenvalues.iter().map(|v| v.max(0.0)).collect();
@@ -277,7 +257,7 @@ pub fn under(rows: &AxisRows, columns: &[Vec<f64>], axis: &OfAxis) -> Option<(Po
         return None;
     }
     let each: Vec<Under> = each.into_iter().map(|(l, u)| Under { weight: (l - evidence).exp(), ..u }).collect();
-    Some((Posterior::of(each, evidence), evidence))
+    Some(Posterior::of(each, evidence))
 }
 
 /// Knowledge that a day's coefficients give of the unit's, and so of another day's: theta and its day are drawn from `between` and `days`, and their sum is

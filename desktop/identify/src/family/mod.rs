@@ -13,7 +13,8 @@ pub mod population;
 pub use file::{AxisFacts, FamilyTerm, NoiseFacts, Part, Source, SourceRun};
 
 use crate::fit::independence::Units;
-use crate::fit::{prepare_for, prepare_of_design, scaling, Prepared};
+use crate::fit::{prepare_for, prepare_of_design, scaling, states_of, Prepared};
+use crate::matrices::symmetric;
 use crate::thermometer::curve::DesignCurve;
 use crate::trace::data::{Candidate, Data};
 use crate::trace::model::{Specification, Term};
@@ -32,14 +33,11 @@ use hrg_data::numeric::stats::{dot, log_sum, median};
 use hrg_data::recording::names;
 use hrg_data::recording::steps::Run;
 use hrg_data::recording::Recording;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 use population::{OfRun, OfUnit, Population};
 
 /// Units on which the effects are searched together, at most: what a dozen do not show, a hundred do not need, and rows in memory grow with them.
 const SEARCHED: usize = 12;
-
-/// Seconds between the states that are marked as visited.
-const STATES_EVERY_S: usize = 30;
 
 /// Facts of a run about an axis.
 struct Told {
@@ -98,12 +96,9 @@ pub struct States {
 }
 
 impl States {
-    fn new(ranges: Ranges, runs: &[Run], a: usize) -> Self {
+    fn new(ranges: Ranges, run: &Run, a: usize) -> Self {
         let mut map = Visited::none();
-        for run in runs {
-            let states = (0..run.steps.len()).step_by(STATES_EVERY_S).filter_map(|k| run.state(k, a));
-            states.for_each(|(t, r)| map.visit(&ranges, t, r));
-        }
+        states_of(run, a).for_each(|(t, r)| map.visit(&ranges, t, r));
         Self { ranges, map }
     }
 
@@ -267,9 +262,14 @@ impl Family {
         Specification { terms, ramp_prior: [None; AXES] }
     }
 
+    /// A run in the family's blocks.
+    fn blocks<'r>(&self, run: &'r Run) -> Data<'r> {
+        Data::in_blocks(std::slice::from_ref(run), self.scaling, self.lag_s, self.coarse_s)
+    }
+
     /// Facts of a run about each axis.
     fn told(&self, specification: &Specification, run: &Run) -> [Option<Told>; AXES] {
-        let data = Data::in_blocks(std::slice::from_ref(run), self.scaling, self.lag_s, self.coarse_s);
+        let data = self.blocks(run);
         [0, 1, 2].map(|a: usize| {
             let rows = &data.axes[a];
             if rows.y.is_empty() {
@@ -282,14 +282,10 @@ impl Family {
                 noise_models[u.noise_model] = log - NOISE_MODELS[u.noise_model].log_prior();
             }
             let (_, best) = each.into_iter().max_by(|x, y| x.0.total_cmp(&y.0))?;
-            let white = |x: &Vec<f64>| {
-                let mut x = x.clone();
-                rows.filters.whiten(best.noise_model, &mut x);
-                x
-            };
+            let white = |x: &Vec<f64>| rows.filters.whitened(best.noise_model, x);
             let (x, y) = (columns.iter().map(white).collect::<Vec<_>>(), white(&rows.y));
             let p = x.len();
-            let information = DMatrix::from_fn(p, p, |i, j| dot(&x[i], &x[j]) / best.variance_dph2);
+            let information = symmetric(p, |i, j| dot(&x[i], &x[j]) / best.variance_dph2);
             let product = DVector::from_fn(p, |i, _| dot(&x[i], &y) / best.variance_dph2);
             let noise = NOISE_MODELS[best.noise_model];
             let white_dph2 = best.variance_dph2 / noise.innovation();
@@ -304,7 +300,7 @@ impl Family {
                 from_c_per_min: self.ramps_c_per_min[0],
                 to_c_per_min: self.ramps_c_per_min[1],
             };
-            let visited = States::new(ranges, std::slice::from_ref(run), a);
+            let visited = States::new(ranges, run, a);
             Some(Told { of_run: OfRun { information, product }, noise: facts, noise_models, visited })
         })
     }
@@ -362,28 +358,15 @@ impl Family {
     #[must_use]
     pub fn parts_on(&self, run: &Run, a: usize) -> Vec<(String, [f64; 3])> {
         let Some(axis) = &self.axes[a] else { return Vec::new() };
-        let data = Data::in_blocks(std::slice::from_ref(run), self.scaling, self.lag_s, self.coarse_s);
-        let specification = self.specification();
-        let columns = specification.columns(&data, a).values;
-        let n = data.axes[a].y.len();
-        if n == 0 {
-            return Vec::new();
-        }
-        let centred: Vec<Vec<f64>> = columns
-            .iter()
-            .map(|c| {
-                let mean = hrg_data::numeric::stats::mean(c);
-                c.iter().map(|v| v - mean).collect()
-            })
-            .collect();
+        let (specification, over) = (self.specification(), self.over(run));
+        let Some(square) = &over.axes[a] else { return Vec::new() };
         let of = |range: std::ops::Range<usize>| {
             let p = &axis.population;
-            let square = |i: usize, j: usize| dot(&centred[i], &centred[j]) / n as f64;
             let sum = |of: &dyn Fn(usize, usize) -> f64| -> f64 {
                 range
                     .clone()
                     .flat_map(|i| range.clone().map(move |j| (i, j)))
-                    .map(|(i, j)| of(i, j) * square(i, j))
+                    .map(|(i, j)| of(i, j) * square[(i, j)])
                     .sum()
             };
             [

@@ -10,6 +10,7 @@
 //! 1977; the same model as Lindley and Smith 1972). A covariance of as many coefficients as there are units is poorly known: the part of it off
 //! its diagonal is shrunk by the weight that predicts units best which were left out.
 
+use crate::matrices::log_determinant;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// Facts of one run about the coefficients: information and right-hand side of its generalised least squares.
@@ -66,10 +67,6 @@ struct Expected {
 fn inverse(m: &DMatrix<f64>) -> Option<(DMatrix<f64>, Cholesky<f64, Dyn>)> {
     let f = m.clone().cholesky()?;
     Some((f.inverse(), f))
-}
-
-fn log_determinant(f: &Cholesky<f64, Dyn>) -> f64 {
-    2.0 * f.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>()
 }
 
 impl Population {

@@ -308,16 +308,18 @@ fn about_reference(reference: curve::Reference, first: &Recording, lag_s: [f64; 
 /// Seconds between the states that are marked as visited.
 const VISITED_EVERY_S: usize = 30;
 
-/// Marks the temperatures and ramps that the runs have visited together, where they have rates.
+/// Temperatures (C) and ramps (C per minute) that a run has visited together on an axis, where it has rates.
+pub fn states_of(run: &Run, a: usize) -> impl Iterator<Item = (f32, f32)> + '_ {
+    let seen = move |k: &usize| run.steps.rate_dph[a][*k].is_finite();
+    (0..run.steps.len()).step_by(VISITED_EVERY_S).filter(seen).filter_map(move |k| run.state(k, a))
+}
+
+/// Marks the states that the runs have visited.
 fn visit(calibration: &mut Calibration, runs: &[Run]) {
     for (a, axis) in calibration.axes.iter_mut().enumerate() {
         let ranges = axis.ranges();
         let mut map = Visited::none();
-        for run in runs {
-            let seen = |k: &usize| run.steps.rate_dph[a][*k].is_finite();
-            let states = (0..run.steps.len()).step_by(VISITED_EVERY_S).filter(seen).filter_map(|k| run.state(k, a));
-            states.for_each(|(t, r)| map.visit(&ranges, t, r));
-        }
+        runs.iter().flat_map(|run| states_of(run, a)).for_each(|(t, r)| map.visit(&ranges, t, r));
         if map != Visited::none() {
             axis.visited = map;
         }

@@ -13,7 +13,8 @@
 //! The image has no `g`, so the standard deviation of the curve is that of `x b - (x b + g)`: the coefficients' and the misfit's, which go
 //! together where there are values.
 
-use nalgebra::{Cholesky, DMatrix, DVector};
+use crate::matrices::log_determinant;
+use nalgebra::{DMatrix, DVector};
 
 /// Temperatures this far apart have little misfit in common, C.
 const LENGTH_C: f64 = 25.0;
@@ -146,7 +147,6 @@ impl Curve {
 /// coefficients that take each value by its own variance.
 fn hypothesis(x: &DMatrix<f64>, y: &DVector<f64>, v: DMatrix<f64>, part: f64) -> Option<(f64, Hypothesis)> {
     let free = (x.nrows() - x.ncols()) as f64;
-    let log_size = |c: &Cholesky<f64, nalgebra::Dyn>| 2.0 * c.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
     let alone = DMatrix::from_fn(x.ncols(), x.nrows(), |j, k| x[(k, j)] / v[(k, k)]);
     let gain = (&alone * x).cholesky()?.solve(&alone);
     let coefficients = &gain * y;
@@ -156,7 +156,7 @@ fn hypothesis(x: &DMatrix<f64>, y: &DVector<f64>, v: DMatrix<f64>, part: f64) ->
     let information = (x.transpose() * &weighted).cholesky()?;
     let left = y - x * information.solve(&(weighted.transpose() * y));
     let squares = left.dot(&v.solve(&left));
-    let log = -0.5 * (log_size(&v) + log_size(&information) + free * squares.ln());
+    let log = -0.5 * (log_determinant(&v) + log_determinant(&information) + free * squares.ln());
     // Mean of the variance that so many squares leave open.
     let noise = squares / (free - 2.0);
     Some((

@@ -166,6 +166,13 @@ impl AxisRows {
     pub fn run(&self, number: usize) -> Range<usize> {
         self.starts[number]..self.starts.get(number + 1).copied().unwrap_or(self.y.len())
     }
+
+    /// A column in the rows of a run, and zero in those of the others.
+    pub fn in_run(&self, number: usize, column: &[f64]) -> Vec<f64> {
+        let (run, mut out) = (self.run(number), vec![0.0; column.len()]);
+        out[run.clone()].copy_from_slice(&column[run]);
+        out
+    }
 }
 
 /// All rows.
@@ -226,12 +233,7 @@ impl<'a> Data<'a> {
         let mut data = Self::new(runs, scaling, lag_s);
         for rows in &mut data.axes {
             let whole = rows.base[..TERMS].to_vec();
-            let of_run = |run: usize, column: usize| {
-                let mut out = vec![0.0; whole[column].len()];
-                let range = rows.run(run);
-                out[range.clone()].copy_from_slice(&whole[column][range]);
-                out
-            };
+            let of_run = |run: usize, column: usize| rows.in_run(run, &whole[column]);
             let free = TEMPERATURE_TERMS;
             let mut base: Vec<Vec<f64>> = (0..free).map(|j| of_run(0, j)).collect();
             // (Its place is that of the ramp terms that all runs share; those of each run span them.)

@@ -92,7 +92,7 @@ impl OfDays {
                 all.push(part.bias.clone());
                 variances.push(None);
             }
-            all.extend((0..rows.starts.len()).map(|run| part.in_run(rows, run)));
+            all.extend((0..rows.starts.len()).map(|run| rows.in_run(run, &part.bias)));
             variances.resize(all.len(), Some(part.relative_std * part.relative_std / self.noise_dph2));
         }
         let mut common = DMatrix::identity(count, all.len());
@@ -133,13 +133,5 @@ impl Differs {
             bias.iter_mut().zip(column).for_each(|(b, x)| *b += gain * x);
         }
         Self { name, relative_std: 0.0, numbers: numbers.clone(), values, bias }
-    }
-
-    /// Its bias in a run, zero in the others.
-    fn in_run(&self, rows: &AxisRows, number: usize) -> Vec<f64> {
-        let mut column = vec![0.0; self.bias.len()];
-        let run = rows.run(number);
-        column[run.clone()].copy_from_slice(&self.bias[run]);
-        column
     }
 }

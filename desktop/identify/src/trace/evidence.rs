@@ -8,6 +8,7 @@
 use super::data::AxisRows;
 use super::model::TEMPERATURE_TERMS;
 use super::noise::{Basis, NOISE_MODELS};
+use crate::matrices::{log_determinant, symmetric};
 use hrg_core::bias::TERMS;
 use hrg_data::numeric::stats::{dot, log_sum, std_dev};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
@@ -59,15 +60,12 @@ impl View {
         let mut base = Basis::default();
         let mut information = 0.0;
         for column in rows.base[..TEMPERATURE_TERMS].iter().chain(&rows.base[TERMS..]) {
-            let mut c = column.clone();
-            rows.filters.whiten(noise_model, &mut c);
-            let length = base.add_measured(c);
+            let length = base.add_measured(rows.filters.whitened(noise_model, column));
             if length > 0.0 {
                 information += length.ln();
             }
         }
-        let mut y = rows.y.clone();
-        rows.filters.whiten(noise_model, &mut y);
+        let mut y = rows.filters.whitened(noise_model, &rows.y);
         base.reduce(&mut y);
         let free = y.len().saturating_sub(base.columns.len()).max(1) as f64;
         let constant = rows.filters.log_determinant(noise_model) - 0.5 * information;
@@ -499,19 +497,8 @@ fn to_unit_deviation(c: &mut [f64]) -> f64 {
     s
 }
 
-/// A symmetric matrix from its lower triangle.
-fn symmetric(n: usize, at: impl Fn(usize, usize) -> f64) -> DMatrix<f64> {
-    let mut m = DMatrix::from_fn(n, n, |i, j| if j <= i { at(i, j) } else { 0.0 });
-    m.fill_upper_triangle_with_lower_triangle();
-    m
-}
-
 /// Log of the mean evidence over the noise models by their probabilities, from the logs under each.
 fn mean_evidence(each: &[f64; NOISE_MODELS.len()]) -> f64 {
     let each: Vec<f64> = each.iter().zip(NOISE_MODELS).map(|(e, n)| e + n.log_prior()).collect();
     log_sum(&each)
-}
-
-fn log_determinant(f: &Cholesky<f64, Dyn>) -> f64 {
-    2.0 * f.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>()
 }

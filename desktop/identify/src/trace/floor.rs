@@ -95,12 +95,6 @@ impl Piece {
         let (y, relative): (Vec<f64>, Vec<f64>) = values.iter().copied().unzip();
         Self { y, filters: Filters::new(&relative, &[0]) }
     }
-
-    /// A column whitened by a noise model.
-    fn whitened(&self, noise_model: usize, mut x: Vec<f64>) -> Vec<f64> {
-        self.filters.whiten(noise_model, &mut x);
-        x
-    }
 }
 
 /// Parts of a series of about [`PIECE`] values, each with the relative deviation of its noise; none is shorter than [`LEAST`].
@@ -148,9 +142,9 @@ impl Fast {
         for piece in pieces {
             let mut basis = Basis::default();
             for column in nuisances(piece.y.len()) {
-                information += basis.add_measured(piece.whitened(noise_model, column)).max(1e-300).ln();
+                information += basis.add_measured(piece.filters.whitened(noise_model, &column)).max(1e-300).ln();
             }
-            let mut y = piece.whitened(noise_model, piece.y.clone());
+            let mut y = piece.filters.whitened(noise_model, &piece.y);
             basis.reduce(&mut y);
             information -= 2.0 * piece.filters.log_determinant(noise_model);
             free += (piece.y.len() - basis.columns.len()) as f64;

@@ -12,6 +12,7 @@ use super::noise::Basis;
 use super::odds::THRESHOLD;
 use super::regression::Under;
 use super::uncertainty::{square_root, Joint, Known};
+use crate::matrices::log_determinant;
 use hrg_core::AXES;
 use hrg_data::numeric::stats::{dot, log_sum};
 use nalgebra::{DMatrix, DVector};
@@ -201,7 +202,7 @@ impl OnAxis {
         let m = DMatrix::identity(root.ncols(), root.ncols()) + root.transpose() * &g * &root;
         let b = root.transpose() * DVector::from_fn(p, |i, _| dot(&columns[i], &left));
         let Some(factor) = m.cholesky() else { return f64::NEG_INFINITY };
-        let determinant = 2.0 * factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
+        let determinant = log_determinant(&factor);
         let squares = (dot(&left, &left) - b.dot(&factor.solve(&b))).max(0.0);
         let (freedom, n) = (u.free, n - (basis.columns.len() - 1) as f64);
         rows.filters.log_determinant(u.noise_model)

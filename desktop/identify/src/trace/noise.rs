@@ -156,6 +156,13 @@ impl Filters {
         }
     }
 
+    /// A column whitened by a noise model.
+    pub fn whitened(&self, s: usize, x: &[f64]) -> Vec<f64> {
+        let mut x = x.to_vec();
+        self.whiten(s, &mut x);
+        x
+    }
+
     /// A column whitened by every model: as [`whiten`](Self::whiten) does it, side by side.
     pub fn whiten_by_all(&self, x: &[f64]) -> [Vec<f64>; NOISE_MODELS.len()] {
         let mut out = [(); NOISE_MODELS.len()].map(|()| Vec::with_capacity(x.len()));

@@ -4,6 +4,7 @@
 
 use super::data::AxisRows;
 use super::noise::NOISE_MODELS;
+use crate::matrices::{log_determinant, symmetric};
 use hrg_data::numeric::stats::{dot, log_sum};
 use nalgebra::{DMatrix, DVector};
 
@@ -65,21 +66,11 @@ pub fn under_each(rows: &AxisRows, columns: &[Vec<f64>], prior: &[Option<f64>]) 
         .iter()
         .enumerate()
         .filter_map(|(noise_model, noise)| {
-            let x: Vec<Vec<f64>> = columns
-                .iter()
-                .map(|c| {
-                    let mut c = c.clone();
-                    rows.filters.whiten(noise_model, &mut c);
-                    c
-                })
-                .collect();
-            let mut y = rows.y.clone();
-            rows.filters.whiten(noise_model, &mut y);
+            let x: Vec<Vec<f64>> = columns.iter().map(|c| rows.filters.whitened(noise_model, c)).collect();
+            let y = rows.filters.whitened(noise_model, &rows.y);
             // Columns of unit length, so that the equations are as good as they can be.
             let scale: Vec<f64> = x.iter().map(|c| dot(c, c).sqrt().max(1e-100)).collect();
-            let mut g =
-                DMatrix::from_fn(p, p, |i, j| if j <= i { dot(&x[i], &x[j]) / (scale[i] * scale[j]) } else { 0.0 });
-            g.fill_upper_triangle_with_lower_triangle();
+            let mut g = symmetric(p, |i, j| dot(&x[i], &x[j]) / (scale[i] * scale[j]));
             for (j, variance) in prior.iter().enumerate() {
                 // (The last term keeps columns that differ by rounding alone apart.)
                 g[(j, j)] += variance.map_or(0.0, |v| 1.0 / (v.max(1e-300) * scale[j] * scale[j])) + 1e-12;
@@ -89,7 +80,7 @@ pub fn under_each(rows: &AxisRows, columns: &[Vec<f64>], prior: &[Option<f64>]) 
             let solved = factor.solve(&b);
             let variance_dph2 = ((dot(&y, &y) - b.dot(&solved)) / free).max(1e-300);
             let lengths = 2.0 * scale.iter().map(|s| s.ln()).sum::<f64>();
-            let information = lengths + 2.0 * factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
+            let information = lengths + log_determinant(&factor);
             let likelihood = noise.log_prior() + rows.filters.log_determinant(noise_model)
                 - 0.5 * free * variance_dph2.ln()
                 - 0.5 * (information + spread);

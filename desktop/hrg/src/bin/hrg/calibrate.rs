@@ -53,7 +53,7 @@ pub struct Arguments {
     /// Folder for the unit: recordings, calibration, report. What is there already is not done again.
     #[arg(long)]
     folder: PathBuf,
-    /// Burn without asking, where the judge says PASS and the trace recommends it.
+    /// Burn without asking, where the judge says PASS and the image leaves less than the raw rates.
     #[arg(long)]
     yes: bool,
     #[command(flatten)]
@@ -118,7 +118,7 @@ impl Day<'_> {
         !there
     }
 
-    /// The built-in test, and what a calibration must know of the unit.
+    /// The built-in test.
     fn check(&self) -> Result<()> {
         if !self.begins(1, "built-in test", "test.json") {
             return Ok(());
@@ -137,11 +137,14 @@ impl Day<'_> {
         write_file(&self.file("test.json"), serde_json::to_string_pretty(&report)?.as_bytes())
     }
 
-    /// The files of a role, in the order in which they were made.
-    fn files(&self, role: &str) -> impl Iterator<Item = PathBuf> + '_ {
-        let of = move |role: &str, k: u32| self.file(&format!("{role}-{k}.csv"));
-        let role = role.to_string();
-        (1..).map(move |k| of(&role, k)).take_while(|p| p.exists())
+    /// The names that the recordings of a role get, one after the other.
+    fn names<'a>(&'a self, role: &'a str) -> impl Iterator<Item = PathBuf> + 'a {
+        (1..).map(move |k| self.file(&format!("{role}-{k}.csv")))
+    }
+
+    /// The recordings of a role, in the order in which they were made.
+    fn files<'a>(&'a self, role: &'a str) -> impl Iterator<Item = PathBuf> + 'a {
+        self.names(role).take_while(|p| p.exists())
     }
 
     /// The runs of a role. A recording that was stopped while the unit stayed on goes on in the next file: they are one run.
@@ -180,8 +183,7 @@ impl Day<'_> {
             wanted as f64 / 3600.0,
             if had > 0 { format!(", {:.1} h of it are recorded", had as f64 / 3600.0) } else { String::new() }
         );
-        let next = (1..).map(|k| self.file(&format!("{role}-{k}.csv"))).find(|p| !p.exists());
-        let out = next.context("no free name")?;
+        let out = self.names(role).find(|p| !p.exists()).context("no free name")?;
         let mut looked = had;
         let finished = record_until(&self.arguments.port, &out, &self.arguments.recording, |rows| {
             let all = had + rows;
@@ -212,10 +214,9 @@ impl Day<'_> {
         let Ok(prepared) = family.prepare(&self.runs(role)?, Units::Same) else { return Ok(false) };
         let longest = prepared.runs.iter().max_by_key(|r| r.steps.len());
         let expected = family.expected_dph(longest, over);
-        let largest = expected.into_iter().filter(|v| v.is_finite()).fold(0.0, f64::max);
         let each: Vec<String> = AXIS_NAMES.iter().zip(expected).map(|(n, v)| format!("{n} {v:.3}")).collect();
         println!("   known to {} deg/h about the constant", each.join(", "));
-        let enough = DEVIATIONS * largest <= self.limit.limit_dph;
+        let enough = DEVIATIONS * profiles::largest(expected) <= self.limit.limit_dph;
         if enough {
             println!("   three of it are within the limit: the run may end");
         }

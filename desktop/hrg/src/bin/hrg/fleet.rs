@@ -4,7 +4,6 @@ use anyhow::Result;
 use clap::Args;
 use hrg::fleet::{self, Kept, Row, Wanted};
 use hrg_data::error::BadInput;
-use hrg_data::output::write_file;
 use std::path::PathBuf;
 
 /// Arguments of `hrg fleet`.
@@ -36,10 +35,8 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<()> {
     let Arguments { folder, out, prior, limit, from, to } = arguments;
     let limit = limit.zip(from.zip(*to)).map(|(limit, (from, to))| [limit, from, to]);
-    if let Some([limit_dph, from_c, to_c]) = limit {
-        hrg::judge::Limit { limit_dph, from_c, to_c, means_s: hrg_identify::fit::MEAN_S }.check()?;
-    }
     let wanted = Wanted { family: prior.clone(), limit };
+    wanted.judged_by().map_or(Ok(()), |l| l.check())?;
     // (A family that is none is no reason of a unit.)
     wanted.family.as_deref().map(fleet::read_family).transpose()?;
     if out.starts_with(folder) {
@@ -58,8 +55,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     })?;
     bar.finish_and_clear();
     let title = format!("Fleet {}", folder.file_name().unwrap_or_default().to_string_lossy());
-    write_file(&out.join("fleet.parquet"), &fleet::parquet(&rows)?)?;
-    write_file(&out.join("fleet.html"), fleet::html(&title, &rows)?.as_bytes())?;
+    fleet::write(out, &title, &rows)?;
     say(&rows, again.into_inner());
     println!("{}: table; {}: page", out.join("fleet.parquet").display(), out.join("fleet.html").display());
     Ok(())
