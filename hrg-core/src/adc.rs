@@ -9,7 +9,8 @@
 //! takes samples. While it takes them the ADC itself watches its registers: it makes a checksum of them all the time, and a change stands in the
 //! status that comes with the next frame. (A setting may so be wrong in one sample.) Should that watch have stopped, one setting is read back every
 //! [`READ_EVERY`] frames. A flag of a reset or a setting that has changed begins the set-up anew. After [`BAD_IN_A_ROW`] frames with a wrong checksum the bus itself may be out of step: bus and ADC are reset. So
-//! they are after [`SET_UPS_TRIED`] set-ups that were read back wrongly: frames may be valid and old, where the bus no longer fills them.
+//! they are after [`WITHOUT_SAMPLE`] frames that gave no sample, whatever the reason: frames may be valid and old, where the bus no longer fills them; an
+//! ADC may never read back what was written; or memory has changed, and the dialogue waits for the end of a test that does not run.
 //!
 //! # Test
 //! For the built-in test the multiplexers go through their places ([`crate::self_test::course`]); then the ADC is set up anew.
@@ -82,8 +83,9 @@ pub const READ_EVERY: u16 = 20;
 /// So many frames in a row with a wrong checksum have bus and ADC reset.
 pub const BAD_IN_A_ROW: u8 = 3;
 
-/// So many set-ups in a row that are not read back as they were written have bus and ADC reset.
-pub const SET_UPS_TRIED: u8 = 3;
+/// So many frames in a row that give no sample (1.5 s) have bus and ADC reset, and the dialogue begin anew. The longest that is due are a test and a set-up:
+/// 1.1 s.
+pub const WITHOUT_SAMPLE: u16 = 1500;
 
 /// Why a frame gives no sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -205,8 +207,8 @@ pub struct Dialogue {
     set_up: u8,
     frames: u16,
     bad_in_a_row: u8,
-    /// Set-ups in a row that failed.
-    failed: u8,
+    /// Frames since the last sample.
+    without_sample: u16,
     /// The test that runs, and the figures of the last one.
     course: Option<Course>,
     levels: Option<Levels>,
@@ -223,7 +225,7 @@ impl Default for Dialogue {
             set_up: 0,
             frames: 0,
             bad_in_a_row: 0,
-            failed: 0,
+            without_sample: 0,
             course: None,
             levels: None,
         }
@@ -245,7 +247,8 @@ impl Dialogue {
         };
         let codes = codes(&words);
         let state = if self.course.is_some() { state.and(Err(Fault::Test)) } else { state };
-        if self.bad_in_a_row >= BAD_IN_A_ROW || self.failed >= SET_UPS_TRIED {
+        self.without_sample = if state.is_ok() { 0 } else { self.without_sample.saturating_add(1) };
+        if self.bad_in_a_row >= BAD_IN_A_ROW || self.without_sample >= WITHOUT_SAMPLE {
             *self = Self::default();
             return Received { state: Some(state), codes, command: Command::Null.words(), next: Next::Reset };
         }
@@ -309,14 +312,12 @@ impl Dialogue {
                 self.set_up = 0;
                 // (A test whose ADC forgets its places has no result.)
                 self.course = None;
-                self.failed += u8::from(setting_up);
             }
             return Err(fault);
         }
         if setting_up {
             return Err(Fault::SetUp);
         }
-        self.failed = 0;
         if core::mem::take(&mut self.behind) {
             return Err(Fault::Gap);
         }
@@ -641,13 +642,27 @@ mod tests {
     fn valid_frames_that_no_longer_change_have_bus_and_adc_reset() {
         let (mut d, mut adc, mut command) = ready();
         let old = adc.exchange(command);
-        let within = usize::from(READ_EVERY) + usize::from(SET_UPS_TRIED + 1) * usize::from(SET_UP);
-        let frames = (0..within).position(|_| d.receive(&old, false).next == Next::Reset);
+        // (Until the first setting is read back they pass for samples.)
+        let within = usize::from(READ_EVERY + WITHOUT_SAMPLE);
+        let frames = (0..=within).position(|_| d.receive(&old, false).next == Next::Reset);
         assert!(frames.is_some(), "no reset in {within} frames");
-        // The bus works again, and the attempts that failed are forgotten.
+        // The bus works again.
         command = [0; 2];
         adc = Adc::new();
         assert_eq!(talk(&mut d, &mut adc, &mut command, usize::from(SET_UP) + 3).sample(), GOOD);
-        assert_eq!(d.failed, 0);
+    }
+
+    /// Memory has changed: a test that never ends.
+    #[test]
+    fn frames_that_give_no_sample_for_long_have_bus_and_adc_reset() {
+        let (mut d, mut adc, mut command) = ready();
+        for k in 1..=WITHOUT_SAMPLE {
+            d.course = Some(Course::default());
+            let next = talk(&mut d, &mut adc, &mut command, 1).next;
+            assert_eq!(next == Next::Reset, k == WITHOUT_SAMPLE, "frame {k}");
+        }
+        adc = Adc::new();
+        command = [0; 2];
+        assert_eq!(talk(&mut d, &mut adc, &mut command, usize::from(SET_UP) + 3).sample(), GOOD);
     }
 }

@@ -26,13 +26,18 @@
 //! ```
 
 use crate::adc::Fault;
+use crate::filter::KEPT;
 use crate::increments::IncrementFrame;
 use crate::output::OutputSettings;
-use crate::rate_path::{Event, PendingBias, RateFrame, RatePath, Summary, CHANNELS};
+use crate::rate_path::{Event, PendingBias, RateFrame, RatePath, Summary, CHANNELS, MOST_SAMPLES};
 use crate::status::UnitStatus;
 
 /// Looks at the time (the model takes one each 10 ms) without a sample between them after which the ADC is silent.
 pub const SILENT_LOOKS: u8 = 2;
+
+/// So many samples in a row of which no frame is made mean that the rate path's memory has changed: the longest frame, and a filter that is being
+/// filled. (An ADC that loses more than ten samples in a row again and again comes here too: its filter is never filled.)
+const UNSENT: u16 = MOST_SAMPLES + KEPT as u16;
 
 /// So many frames dropped one after the other (1.25 s at 200 Hz) mean a stalled link, not a busy one.
 pub const DROPS_IN_A_ROW: u16 = 250;
@@ -69,6 +74,8 @@ pub struct RateOutput {
     flag_drop: bool,
     drops_in_a_row: u16,
     looks_without_sample: u8,
+    /// Samples since the last frame.
+    unsent: u16,
     /// Settings to be used from the next second on.
     next: Option<OutputSettings>,
     /// Increments are due.
@@ -88,6 +95,7 @@ impl RateOutput {
             flag_drop: false,
             drops_in_a_row: 0,
             looks_without_sample: 0,
+            unsent: 0,
             next: None,
             increments: false,
         }
@@ -175,6 +183,10 @@ impl RateOutput {
     ) -> Result<Option<RateSecond>, Corruption> {
         self.looks_without_sample = 0;
         let event = self.path.sample(tick, *codes);
+        self.unsent = if event.frame.is_some() { 0 } else { self.unsent.saturating_add(1) };
+        if self.unsent > UNSENT {
+            return Err(Corruption::RatePath);
+        }
         // (Four samples of five.)
         if event.frame.is_none() && event.summary.is_none() && !event.corrupted && !event.increments {
             return Ok(None);
@@ -302,6 +314,20 @@ mod tests {
         for k in 0..3 * u32::from(DROPS_IN_A_ROW) {
             let taken = k % 200 == 0;
             assert_eq!(out.sample(k * MS, codes(k), |_| taken), Ok(None), "{k}");
+        }
+    }
+
+    /// With a time between samples that is too long, each sample is taken for the one before; with one too short, all between them for lost.
+    #[test]
+    fn samples_of_which_no_frame_is_made_are_noticed() {
+        for bit in 0..32 {
+            let path = RatePath::new(Timebase::REFERENCE, [0.01; 3], 5).with_output(OutputSettings::default(), 3);
+            let mut out = RateOutput::new(path, UnitStatus::empty());
+            let sample = |out: &mut RateOutput, k: u32| out.sample(k * MS, codes(k), |_| true);
+            assert!((0..200).all(|k| sample(&mut out, k) == Ok(None)));
+            out.path.flip_sample_ticks(bit);
+            let noticed = (200..210 + u32::from(UNSENT)).find_map(|k| sample(&mut out, k).err());
+            assert_eq!(noticed, Some(Corruption::RatePath), "bit {bit}");
         }
     }
 

@@ -509,7 +509,8 @@ impl RatePath {
     // (Out of line: with each frame, and wherever a setting changes.)
     #[inline(never)]
     fn settings_now(&self) -> u32 {
-        let ticks = fold([self.stale_ticks, self.late_ticks as u32, self.delay_ticks]);
+        let ticks =
+            fold([self.stale_ticks, self.late_ticks as u32, self.delay_ticks]) ^ self.sample_ticks.rotate_left(13);
         let numbers = |s: &OutputSettings| u32::from(s.decimation) << 16 | u32::from(s.increments);
         let kinds = |s: &OutputSettings| s.filter as u32 | (s.framing as u32) << 8;
         let (now, next) = (&self.settings, &self.next_settings);
@@ -527,6 +528,12 @@ impl RatePath {
     #[inline]
     fn numbers_intact(&self) -> bool {
         self.current.intact() && self.settings_intact()
+    }
+
+    /// A bit of the time between two samples flips.
+    #[cfg(test)]
+    pub(crate) fn flip_sample_ticks(&mut self, bit: u32) {
+        self.sample_ticks ^= 1 << bit;
     }
 
     /// The next bias: pending until its tick.

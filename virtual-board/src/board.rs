@@ -19,6 +19,7 @@ use crate::probe::{Masked, Probe};
 use crate::profile::{Cost, Profile};
 use crate::system::{Iwdg, CSR_POWER_ON, CSR_SOFTWARE, CSR_WATCHDOG, SECTORS};
 use crate::thumb::{self, IT_STATE};
+use crate::touched::Watch;
 use crate::{World, CPU_HZ, FLASH_SIZE, FLASH_START, RAM_SIZE, RAM_START};
 use unicorn_engine::{Context, HookType, RegisterARM, UcHookId};
 
@@ -54,6 +55,7 @@ pub struct Board<W: World> {
     pub(crate) firmware: Firmware,
     pub(crate) wires: Wires,
     pub(crate) flash_watch: Option<UcHookId>,
+    pub(crate) watch: Option<Watch>,
     stop_at: u64,
     pub(crate) flash_operations: u64,
     pub(crate) stop_at_operation: u64,
@@ -131,6 +133,7 @@ impl<W: World> Board<W> {
                 invalid: false,
             },
             flash_watch: None,
+            watch: None,
             stop_at: u64::MAX,
             flash_operations: 0,
             stop_at_operation: u64::MAX,
@@ -445,10 +448,16 @@ impl<W: World> Board<W> {
     }
 
     pub(crate) fn get(&self, address: u32, out: &mut [u8]) -> Result<(), RunError> {
+        if let Some(watch) = &self.watch {
+            watch.accessed(address, out.len(), false);
+        }
         self.ram.read(address, out).or_else(|| self.flash.read(address, out)).ok_or_else(|| self.outside(address))
     }
 
     pub(crate) fn put(&mut self, address: u32, from: &[u8]) -> Result<(), RunError> {
+        if let Some(watch) = &self.watch {
+            watch.accessed(address, from.len(), true);
+        }
         let done = self.ram.write(address, from).or_else(|| self.flash.write(address, from));
         done.ok_or_else(|| self.outside(address))
     }

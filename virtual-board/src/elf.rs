@@ -133,6 +133,12 @@ impl Firmware {
         self.symbols.iter().find(|s| s.path == path).map(|s| s.address)
     }
 
+    /// The bytes of a variable, by its path.
+    #[must_use]
+    pub fn place_of(&self, path: &str) -> Option<Range<u32>> {
+        self.symbols.iter().find(|s| s.path == path).map(|s| s.address..s.address.saturating_add(s.size))
+    }
+
     /// The path of the variable or function that an address lies in.
     #[must_use]
     pub fn symbol_at(&self, address: u32) -> Option<&str> {

@@ -81,6 +81,7 @@ mod system;
 pub mod tables;
 mod thumb;
 mod timer;
+mod touched;
 mod wires;
 
 pub use board::{Board, Snapshot};

@@ -4,6 +4,7 @@ use hrg_board::host::running;
 use hrg_board::replay;
 use hrg_core::reset::ResetCause;
 use hrg_core::status::{AxisStatus, UnitStatus};
+use hrg_study::faults::memory::{self, Corruption};
 use hrg_study::faults::{campaign, Extent, Scene};
 use virtual_board::{Stop, CPU_HZ};
 
@@ -18,6 +19,20 @@ fn every_promise_is_kept_in_the_short_campaign() {
     assert!(report.rows.len() > 30);
     for row in &report.rows {
         assert!(row.kept, "{row:?}");
+    }
+}
+
+/// What the campaign leaves out has no effect.
+#[test]
+#[ignore = "cargo xtask test --rest"]
+fn bits_that_are_overwritten_before_they_are_read_have_no_effect() {
+    let scene = Scene::new(&elf(), 2).expect("a scene");
+    for corruption in [Corruption::Single, Corruption::Double, Corruption::Rates] {
+        let looked_at = memory::looked_at(&scene, 2, 60, corruption).expect("runs");
+        let read = looked_at.iter().filter(|read| **read).count();
+        assert!((1..60).contains(&read), "{corruption:?}: {read} of 60");
+        let fates = |of: &[bool]| memory::flips(&scene, 2, of, corruption).expect("runs");
+        assert_eq!(fates(&looked_at), fates(&[true; 60]), "{corruption:?}");
     }
 }
 

@@ -51,7 +51,7 @@ impl Family {
         let data = recorded.map(|run| self.blocks(run));
         std::array::from_fn(|a| {
             let (Some(axis), Some(over)) = (&self.axes[a], &over.axes[a]) else { return f64::NAN };
-            let days = DMatrix::from_diagonal(&axis.population.days);
+            let days = &axis.population.days;
             let covariance = match &data {
                 None => &axis.population.between + days,
                 Some(data) => {
@@ -73,7 +73,7 @@ impl Family {
     /// Deviation of the constant of an axis from day to day, deg/h: no run makes it smaller. NaN for an axis that the family does not have.
     #[must_use]
     pub fn days_dph(&self) -> [f64; AXES] {
-        std::array::from_fn(|a| self.axes[a].as_ref().map_or(f64::NAN, |x| x.population.days[0].sqrt()))
+        std::array::from_fn(|a| self.axes[a].as_ref().map_or(f64::NAN, |x| x.population.days[(0, 0)].sqrt()))
     }
 }
 
@@ -83,14 +83,14 @@ const SMALL: f64 = 0.02;
 /// Covariance of the coefficients of another day behind a run, under one noise model.
 fn behind(axis: &OfAxis, data: &Data<'_>, a: usize, columns: &[Vec<f64>], noise_model: usize) -> DMatrix<f64> {
     let rows = &data.axes[a];
-    let days = DMatrix::from_diagonal(&axis.population.days);
+    let days = &axis.population.days;
     let x: Vec<Vec<f64>> = columns.iter().map(|c| rows.filters.whitened(noise_model, c)).collect();
     let variance = axis.noise.white_dph2_s / data.block_s as f64 * NOISE_MODELS[noise_model].innovation();
-    let root = square_root(&(&axis.population.between + &days));
+    let root = square_root(&(&axis.population.between + days));
     let p = x.len();
     let gram = symmetric(p, |i, j| dot(&x[i], &x[j]) / variance);
     let m = DMatrix::identity(p, p) + root.transpose() * gram * &root;
     let Some(inverse) = m.cholesky().map(|f| f.inverse()) else { return &axis.population.between + days };
     let covariance = &root * inverse * root.transpose();
-    another_day(&DVector::zeros(p), &covariance, &axis.population, &days).1
+    another_day(&DVector::zeros(p), &covariance, &axis.population).1
 }

@@ -73,8 +73,8 @@ pub struct AxisFacts {
     mean: Vec<f64>,
     /// Their covariance from unit to unit, row by row.
     between_units: Vec<Vec<f64>>,
-    /// The variance of each from day to day.
-    between_days: Vec<f64>,
+    /// The same from day to day.
+    between_days: Vec<Vec<f64>>,
     /// Noise.
     noise: NoiseFacts,
     /// Share of the runs that each noise model stands for.
@@ -115,6 +115,10 @@ struct OfScaling {
     blend_band_c_per_min: f32,
 }
 
+fn rows(m: &DMatrix<f64>) -> Vec<Vec<f64>> {
+    m.row_iter().map(|r| r.iter().copied().collect()).collect()
+}
+
 impl Family {
     /// The family as JSON.
     ///
@@ -127,8 +131,8 @@ impl Family {
             let facts = AxisFacts {
                 coefficients: self.coefficients(a),
                 mean: p.mean.iter().copied().collect(),
-                between_units: p.between.row_iter().map(|r| r.iter().copied().collect()).collect(),
-                between_days: p.days.iter().copied().collect(),
+                between_units: rows(&p.between),
+                between_days: rows(&p.days),
                 noise: axis.noise,
                 noise_models: axis.noise_models.to_vec(),
                 visited_ranges: {
@@ -188,26 +192,23 @@ impl Family {
         for (a, name) in AXIS_NAMES.iter().enumerate() {
             let Some(facts) = file.axes.get(*name) else { continue };
             let p = family.coefficients(a).len();
-            let square = facts.between_units.len() == p && facts.between_units.iter().all(|r| r.len() == p);
-            if facts.mean.len() != p || facts.between_days.len() != p || !square {
+            let square = |m: &[Vec<f64>]| m.len() == p && m.iter().all(|r| r.len() == p);
+            if facts.mean.len() != p || !square(&facts.between_units) || !square(&facts.between_days) {
                 return Err(BadInput(format!(
                     "axis {name} of the family: its effects make {p} coefficients, its numbers are for {}",
                     facts.mean.len()
                 )));
             }
             let between = DMatrix::from_fn(p, p, |i, j| facts.between_units[i][j]);
+            let days = DMatrix::from_fn(p, p, |i, j| facts.between_days[i][j]);
             let right = between.clone().cholesky().is_some()
-                && facts.between_days.iter().all(|v| *v >= 0.0)
+                && days.diagonal().iter().all(|v| *v >= 0.0)
                 && facts.noise.white_dph2_s > 0.0;
             if !right {
                 return Err(BadInput(format!("axis {name} of the family: its variances are none")));
             }
-            let population = Population {
-                mean: DVector::from_column_slice(&facts.mean),
-                between,
-                days: DVector::from_column_slice(&facts.between_days),
-                shrinkage: 0.0,
-            };
+            let population =
+                Population { mean: DVector::from_column_slice(&facts.mean), between, days, shrinkage: 0.0 };
             let noise_models = facts.noise_models.clone().try_into().map_err(|_| {
                 BadInput(format!(
                     "axis {name} of the family: {} noise models, this program has others",

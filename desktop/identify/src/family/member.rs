@@ -196,17 +196,17 @@ fn under(rows: &AxisRows, columns: &[Vec<f64>], axis: &OfAxis) -> Option<Posteri
         return None;
     }
     // One run: its day is not parted from the unit. Several: the unit's coefficients, then what each day adds.
-    let (days, several) = (DMatrix::from_diagonal(&population.days), runs > 1);
+    let (days, several) = (&population.days, runs > 1);
     let blocks = if several { runs + 1 } else { 1 };
     let (mut mean, mut prior) = (DVector::zeros(p * blocks), DMatrix::zeros(p * blocks, p * blocks));
     mean.rows_mut(0, p).copy_from(&population.mean);
-    let first = if several { population.between.clone() } else { &population.between + &days };
+    let first = if several { population.between.clone() } else { &population.between + days };
     prior.view_mut((0, 0), (p, p)).copy_from(&first);
     let mut all = columns.to_vec();
     if several {
         for run in 0..runs {
             let at = p * (run + 1);
-            prior.view_mut((at, at), (p, p)).copy_from(&days);
+            prior.view_mut((at, at), (p, p)).copy_from(days);
             all.extend(columns.iter().map(|c| rows.in_run(run, c)));
         }
     }
@@ -240,9 +240,9 @@ fn under(rows: &AxisRows, columns: &[Vec<f64>], axis: &OfAxis) -> Option<Posteri
         // is of the whole.)
         let (coefficients, covariance) = if several {
             let own = covariance.view((0, 0), (p, p)).clone_owned();
-            (coefficients.rows(0, p).clone_owned(), own + &days)
+            (coefficients.rows(0, p).clone_owned(), own + days)
         } else {
-            another_day(&coefficients, &covariance, population, &days)
+            another_day(&coefficients, &covariance, population)
         };
         let before = axis.noise_models[noise_model].ln();
         let finite = log.is_finite() && coefficients.iter().chain(covariance.iter()).all(|c| c.is_finite());
@@ -266,8 +266,8 @@ pub(super) fn another_day(
     sum: &DVector<f64>,
     covariance: &DMatrix<f64>,
     population: &super::population::Population,
-    days: &DMatrix<f64>,
 ) -> (DVector<f64>, DMatrix<f64>) {
+    let days = &population.days;
     let whole = &population.between + days;
     let Some(f) = whole.cholesky() else { return (sum.clone(), covariance + days) };
     // The share of the sum that is the unit's.

@@ -19,7 +19,7 @@ use crate::thermometer::curve::DesignCurve;
 use crate::trace::data::{Candidate, Data};
 use crate::trace::model::{Specification, Term};
 use crate::trace::noise::NOISE_MODELS;
-use crate::trace::regression::under_each;
+use crate::trace::regression::{posterior, under_each};
 use crate::trace::search::Search;
 use hrg_core::bias::{Scaling, TERMS};
 use hrg_core::effects::EffectId;
@@ -209,7 +209,8 @@ impl Family {
             coarse_s: Data::coarse_s(median(&mut lengths).unwrap_or(0.0) as usize),
             axes: [None, None, None],
         };
-        family.terms = family.effects(&there);
+        let (terms, variances_dph2) = family.effects(&there);
+        family.terms = terms;
         let specification = family.specification();
         let curves: [Option<DesignCurve>; AXES] = std::array::from_fn(|a| {
             let with = there.iter().filter(|r| present(&r.prepared).any(|p| p == a));
@@ -224,22 +225,32 @@ impl Family {
             let of_run = |run: &Run| family.told(&specification, run);
             r.prepared.runs.iter().map(of_run).collect::<Vec<_>>()
         });
-        let learnt = side_by_side::each(vec![0, 1, 2], |a| family.axis(&told, a, curves[a]));
+        let learnt = side_by_side::each(vec![0, 1, 2], |a| family.axis(&told, a, &variances_dph2[a], curves[a]));
         for (axis, to) in learnt.into_iter().zip(&mut family.axes) {
             *to = axis?;
         }
         Ok((family, left_out))
     }
 
-    /// Effects that units side by side share: one run of each, the longest, and a baseline of each.
-    fn effects(&self, units: &[Ready]) -> Vec<FamilyTerm> {
+    /// Effects that units side by side share: one run of each, the longest, and a baseline of each. With, by axis, the variance that each gain may have at
+    /// all, by the evidence of the search.
+    fn effects(&self, units: &[Ready]) -> (Vec<FamilyTerm>, [Vec<f64>; AXES]) {
         let every = units.len().div_ceil(SEARCHED);
         let longest = |r: &Ready| r.prepared.runs.iter().max_by_key(|run| run.steps.len()).cloned();
         let runs: Vec<Run> = units.iter().step_by(every).filter_map(longest).collect();
         let data = Data::of_units(&runs, self.scaling, self.lag_s);
         let model = Search::new(&data).run_for_unit().specification();
+        // (Variances over the noise's, as absolute ones.)
+        let noise_dph2: [f64; AXES] = std::array::from_fn(|a| {
+            let columns = model.columns(&data, a);
+            let found = posterior(&data.axes[a], &columns.values, &columns.prior);
+            found.map_or(0.0, |f| f.each.iter().map(|u| u.weight * u.variance_dph2).sum())
+        });
         let shared = |t: &&Term| t.parts.iter().all(|c| c.on_unit() && c.reads().is_empty());
-        model.terms.iter().filter(shared).map(FamilyTerm::of).collect()
+        let terms: Vec<&Term> = model.terms.iter().filter(shared).collect();
+        let variances_dph2 =
+            std::array::from_fn(|a| terms.iter().flat_map(|t| t.prior[a].iter().map(|v| v * noise_dph2[a])).collect());
+        (terms.into_iter().map(FamilyTerm::of).collect(), variances_dph2)
     }
 
     /// Makes the recordings of a unit ready for [`Self::member`]: its temperatures are those of the highest probability under the family's curves and
@@ -310,6 +321,7 @@ impl Family {
         &self,
         told: &[Vec<[Option<Told>; AXES]>],
         a: usize,
+        variances_dph2: &[f64],
         curve: Option<DesignCurve>,
     ) -> Result<Option<OfAxis>, BadInput> {
         let of_unit = |unit: &Vec<[Option<Told>; AXES]>| OfUnit {
@@ -318,7 +330,7 @@ impl Family {
         let units: Vec<OfUnit> = told.iter().map(of_unit).filter(|u| !u.runs.is_empty()).collect();
         let runs: Vec<&Told> = told.iter().flatten().filter_map(|r| r[a].as_ref()).collect();
         let Some(first) = runs.first() else { return Ok(None) };
-        let population = Population::learn(&units).ok_or_else(|| {
+        let population = Population::learn(&units, variances_dph2).ok_or_else(|| {
             BadInput(format!(
                 "axis {}: {} units are too few for a family, or their runs do not hold its model down",
                 AXIS_NAMES[a],
@@ -369,12 +381,8 @@ impl Family {
                     .map(|(i, j)| of(i, j) * square[(i, j)])
                     .sum()
             };
-            [
-                sum(&|i, j| p.mean[i] * p.mean[j]),
-                sum(&|i, j| p.between[(i, j)]),
-                sum(&|i, j| if i == j { p.days[i] } else { 0.0 }),
-            ]
-            .map(|v| v.max(0.0).sqrt())
+            [sum(&|i, j| p.mean[i] * p.mean[j]), sum(&|i, j| p.between[(i, j)]), sum(&|i, j| p.days[(i, j)])]
+                .map(|v| v.max(0.0).sqrt())
         };
         let baseline = ("baseline".to_string(), of(0..TERMS));
         let effects = specification

@@ -155,6 +155,8 @@ pub enum Corruption {
     Double,
     /// Eight, one next to the other.
     Burst,
+    /// One of the state of the rate path.
+    Rates,
     /// One of a register of a peripheral.
     Register,
 }
@@ -165,6 +167,7 @@ impl Corruption {
             Self::Single => "bit of RAM in use, at a random time",
             Self::Double => "two bits of one word of RAM",
             Self::Burst => "eight bits of RAM in a row",
+            Self::Rates => "bit of the rate path's state",
             Self::Register => "bit of a peripheral's register",
         }
     }
@@ -176,13 +179,14 @@ impl Corruption {
             Self::Double => 5,
             Self::Burst => 6,
             Self::Register => 7,
+            Self::Rates => 8,
         }
     }
 
     /// The bits that change, from the one that was drawn.
     fn bits(self, address: u32, bit: u8, draw: &mut impl Rng) -> Vec<(u32, u8)> {
         match self {
-            Self::Single | Self::Register => vec![(address, bit)],
+            Self::Single | Self::Register | Self::Rates => vec![(address, bit)],
             Self::Double => {
                 let other = draw.random_range(1..32u32);
                 let at = (u32::from(bit) + 8 * (address % 4) + other) % 32;
@@ -255,6 +259,11 @@ const REGISTERS: [(&str, u32, u32); 41] = {
     ]
 };
 
+/// The state of the rate path.
+const RATES: &str = "firmware::rate::start::PLACE";
+/// A prime that is no factor of the number of its bits.
+const SCATTER: u64 = 7919;
+
 /// Name of the register or symbol at an address: for the report of a failure.
 fn place(program: &Firmware, corruption: Corruption, address: u32) -> String {
     let register = REGISTERS.iter().find(|r| corruption == Corruption::Register && r.1 == address).map(|r| r.0);
@@ -312,6 +321,11 @@ fn draw(board: &Board<Wires>, seed: u64, trial: u64, corruption: Corruption) -> 
         let address = register.map_or(REGISTERS[0].1, |r| r.1);
         return (vec![(address, at as u8)], board.now() + draw.random_range(0..CPU_HZ));
     }
+    if let Some(place) = board.firmware().place_of(RATES).filter(|_| corruption == Corruption::Rates) {
+        // (None twice, from all over it.)
+        let bit = trial.wrapping_mul(SCATTER) % (8 * place.len().max(1) as u64);
+        return (vec![(place.start + (bit / 8) as u32, (bit % 8) as u8)], board.now() + draw.random_range(0..CPU_HZ));
+    }
     let (statics, stack) = (board.static_bytes(), board.stack_used());
     let at = draw.random_range(0..statics + stack);
     // Statics from their start up, the stack from its top down.
@@ -343,13 +357,43 @@ pub(super) fn nearest(truth: &Received, at: u64) -> usize {
     (((at + step / 4).saturating_sub(first) / step) as usize).min(truth.rates.len().saturating_sub(1))
 }
 
-/// Effects of corruptions `0..n`, each at a random place and a random time of a settled second.
+/// Corruptions `0..n` that something reads before it is overwritten, by one run: the others have no effect, for the board is deterministic.
+///
+/// # Errors
+/// If the unit cannot be run at all, or sends other frames when it is watched.
+pub fn looked_at(scene: &Scene, seed: u64, n: u64, corruption: Corruption) -> Result<Vec<bool>> {
+    if corruption == Corruption::Register {
+        return Ok(vec![true; n as usize]);
+    }
+    let mut board = scene.settled()?;
+    // (They strike within a second.)
+    let watched_s = 1.0 + WATCH_S;
+    let end = board.now() + cycles(watched_s);
+    let truth = scene.undisturbed(&mut board, watched_s)?;
+    let mut drawn: Vec<(u64, usize, Vec<u32>)> = (0..n)
+        .map(|k| {
+            let (bits, at) = draw(&board, seed, k, corruption);
+            (at, k as usize, bits.iter().map(|(address, _)| *address).collect())
+        })
+        .collect();
+    drawn.sort_unstable();
+    for (at, k, bytes) in &drawn {
+        run(&mut board, *at)?;
+        board.watch(*k, bytes)?;
+    }
+    run(&mut board, end)?;
+    let read = board.looked_at()?;
+    anyhow::ensure!(board.world.received.rates == truth.rates, "a unit that is watched sends other frames");
+    Ok((0..n as usize).map(|k| read.contains(&k)).collect())
+}
+
+/// Effects of corruptions, each at a random place and a random time of a settled second: of those that `looked_at` says are read.
 ///
 /// # Errors
 /// If the unit cannot be run at all.
-pub fn flips(scene: &Scene, seed: u64, n: u64, corruption: Corruption) -> Result<Vec<(u32, Fate)>> {
+pub fn flips(scene: &Scene, seed: u64, looked_at: &[bool], corruption: Corruption) -> Result<Vec<(u32, Fate)>> {
     trials(
-        n,
+        looked_at.len() as u64,
         || {
             let mut board = scene.settled()?;
             let truth = scene.undisturbed(&mut board, WATCH_S + RESTART_S + SETTLES_S + 1.0)?;
@@ -359,6 +403,9 @@ pub fn flips(scene: &Scene, seed: u64, n: u64, corruption: Corruption) -> Result
         |(board, start, truth), k| {
             board.restore(start)?;
             let (bits, flipped_at) = draw(board, seed, k, corruption);
+            if !looked_at[k as usize] {
+                return Ok((bits[0].0, Fate::Nothing));
+            }
             run(board, flipped_at)?;
             strike(board, corruption, &bits)?;
             let mut end = flipped_at + cycles(WATCH_S);
@@ -389,22 +436,30 @@ fn quiet(r: &Received, end: u64) -> bool {
 /// If the unit cannot be run at all.
 pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) -> Result<()> {
     flash(scene, extent, report)?;
-    for (corruption, share) in
-        [(Corruption::Single, 1), (Corruption::Double, 5), (Corruption::Burst, 5), (Corruption::Register, 5)]
-    {
-        corruptions(scene, seed, (extent.random / share).max(1), corruption, report)?;
+    let random = |share: u64| (extent.random / share).max(1);
+    for (corruption, n) in [
+        (Corruption::Single, random(1)),
+        (Corruption::Double, random(5)),
+        (Corruption::Burst, random(5)),
+        (Corruption::Rates, random(2)),
+        (Corruption::Register, random(5)),
+    ] {
+        corruptions(scene, seed, n, corruption, report)?;
     }
     Ok(())
 }
 
 /// Corruptions of one kind.
 fn corruptions(scene: &Scene, seed: u64, n: u64, corruption: Corruption, report: &mut Report) -> Result<()> {
-    let fates = flips(scene, seed, n, corruption)?;
+    let looked_at = looked_at(scene, seed, n, corruption)?;
+    let read = looked_at.iter().filter(|read| **read).count();
+    let fates = flips(scene, seed, &looked_at, corruption)?;
     let count = |of: fn(&Fate) -> bool| fates.iter().filter(|(_, f)| of(f)).count();
     let slowest = fates.iter().map(|(_, f)| if let Fate::Reset(s) = f { *s } else { 0.0 }).fold(0.0, f64::max);
     let wrong: Vec<(f32, f64)> =
         fates.iter().filter_map(|(_, f)| if let Fate::Wrong(e, s) = f { Some((*e, *s)) } else { None }).collect();
     let program = Firmware::parse(scene.elf())?;
+    println!("  {read} of {} are read before they are overwritten", fates.len());
     for (k, (address, fate)) in fates.iter().enumerate() {
         if matches!(fate, Fate::Silent | Fate::Unwell | Fate::Wrong(..)) {
             let name = place(&program, corruption, *address);
