@@ -15,7 +15,7 @@
 //! their sum: variances of each alone would make it far too uncertain. So the diagonals are those of other coefficients: of columns that are orthogonal, with
 //! the noise for their unit, over all runs on average. In order of the model each new column is what those before it do not hold; the first is the constant.
 //!
-//! # What no run tells
+//! # Directions that no run tells
 //! Some combinations of gains hardly change the rates of any run, and would be whatever noise makes of them, large and with opposite signs: another past of the unit
 //! brings them out. Here as in the trace each gain has a variance that it may have at all, found by evidence. It holds for the mean, `mean ~ N(0, gains)`, and
 //! units and days do not differ by more: 1 / between has 1 / gains added.
