@@ -13,10 +13,10 @@ use std::ops::Range;
 use std::rc::Rc;
 use unicorn_engine::{HookType, MemType, UcHookId};
 
-/// What is watched, and what was found.
+/// Bytes that are watched, and those that were read.
 #[derive(Default)]
 pub(crate) struct Touched {
-    /// Who watches a byte that was not accessed since.
+    /// Watchers of a byte that was not accessed since.
     watched: HashMap<u32, Vec<usize>>,
     read: BTreeSet<usize>,
 }
@@ -67,7 +67,7 @@ impl<W: World> Board<W> {
                 seen.borrow_mut().accessed(bytes, kind == MemType::WRITE);
                 true
             }))?;
-            // What was translated before knows nothing of the hook.
+            // Code that was translated before knows nothing of the hook.
             uc(self.cpu.ctl_flush_tb())?;
             self.watch = Some(Watch { touched, hook });
         }

@@ -22,7 +22,7 @@ fn every_promise_is_kept_in_the_short_campaign() {
     }
 }
 
-/// What the campaign leaves out has no effect.
+/// Trials that the campaign leaves out have no effect.
 #[test]
 #[ignore = "cargo xtask test --rest"]
 fn bits_that_are_overwritten_before_they_are_read_have_no_effect() {
