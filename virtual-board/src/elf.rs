@@ -130,7 +130,7 @@ impl Firmware {
     /// Address of the variable or function of a path.
     #[must_use]
     pub fn address_of(&self, path: &str) -> Option<u32> {
-        self.symbols.iter().find(|s| s.path == path).map(|s| s.address)
+        self.place_of(path).map(|place| place.start)
     }
 
     /// The bytes of a variable, by its path.

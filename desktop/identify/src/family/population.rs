@@ -20,7 +20,7 @@
 //! brings them out. Here as in the trace each gain has a variance that it may have at all, found by evidence. It holds for the mean, `mean ~ N(0, gains)`, and
 //! units and days do not differ by more: 1 / between has 1 / gains added.
 
-use crate::matrices::{log_determinant, symmetric};
+use crate::matrices::log_determinant;
 use crate::trace::uncertainty::square_root;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
@@ -65,8 +65,12 @@ struct InBasis {
 fn bounded(covariance: &DMatrix<f64>, precision: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let root = square_root(covariance);
     let inner = DMatrix::identity(root.nrows(), root.nrows()) + root.transpose() * precision * &root;
-    let c = &root * inverse(&inner)?.0 * root.transpose();
-    Some(symmetric(c.nrows(), |i, j| 0.5 * (c[(i, j)] + c[(j, i)])))
+    Some(symmetrised(&(&root * inverse(&inner)?.0 * root.transpose())))
+}
+
+/// A symmetric matrix without what rounding has done to it.
+fn symmetrised(m: &DMatrix<f64>) -> DMatrix<f64> {
+    0.5 * (m + m.transpose())
 }
 
 /// Coefficients of orthogonal columns: `basis * theta`, upper triangular.
@@ -91,26 +95,22 @@ impl Basis {
         let free = p - gains.len().min(p);
         let precision = DVector::from_fn(p, |j, _| if j < free { 0.0 } else { 1.0 / gains[j - free].max(1e-300) });
         let precision = back.transpose() * DMatrix::from_diagonal(&precision) * &back;
-        Some(Self { back, precision: symmetric(p, |i, j| precision[(i, j)]) })
+        Some(Self { back, precision: symmetrised(&precision) })
     }
 
     /// Facts of a run about those coefficients.
     fn of_run(&self, run: &OfRun) -> OfRun {
         let information = self.back.transpose() * &run.information * &self.back;
-        let p = information.nrows();
-        OfRun { information: symmetric(p, |i, j| information[(i, j)]), product: self.back.transpose() * &run.product }
+        OfRun { information: symmetrised(&information), product: self.back.transpose() * &run.product }
     }
 
     /// A population of those coefficients as one of the model's.
     fn population(&self, of: &InBasis, shrinkage: f64) -> Option<Population> {
-        let covariance = |c: DMatrix<f64>| {
-            let c = &self.back * c * self.back.transpose();
-            symmetric(c.nrows(), |i, j| 0.5 * (c[(i, j)] + c[(j, i)]))
-        };
+        let covariance = |c: &DMatrix<f64>| symmetrised(&(&self.back * c * self.back.transpose()));
         Some(Population {
             mean: &self.back * &of.mean,
-            between: covariance(of.between.clone()),
-            days: covariance(bounded(&DMatrix::from_diagonal(&of.days), &self.precision)?),
+            between: covariance(&of.between),
+            days: covariance(&bounded(&DMatrix::from_diagonal(&of.days), &self.precision)?),
             shrinkage,
         })
     }

@@ -278,7 +278,7 @@ pub fn again(scene: &Scene, seed: u64, trial: u64, corruption: Corruption) -> Re
     let mut board = scene.settled()?;
     let truth = scene.undisturbed(&mut board, WATCH_S + RESTART_S + 1.0)?;
     let begin = board.now();
-    let (bits, flipped_at) = draw(&board, seed, trial, corruption);
+    let (bits, flipped_at) = draw(&board, seed, trial, corruption)?;
     let (address, bit) = bits[0];
     let name = place(board.firmware(), corruption, address);
     let ms = |at: u64| (at as f64 - flipped_at as f64) * 1e3 / CPU_HZ as f64;
@@ -308,7 +308,7 @@ pub fn again(scene: &Scene, seed: u64, trial: u64, corruption: Corruption) -> Re
 }
 
 /// Addresses and bits of a corruption, and its time.
-fn draw(board: &Board<Wires>, seed: u64, trial: u64, corruption: Corruption) -> (Vec<(u32, u8)>, u64) {
+fn draw(board: &Board<Wires>, seed: u64, trial: u64, corruption: Corruption) -> Result<(Vec<(u32, u8)>, u64)> {
     let mut draw = draws(seed, corruption.part(), trial);
     if corruption == Corruption::Register {
         // Each bit in use is as likely as another.
@@ -319,12 +319,14 @@ fn draw(board: &Board<Wires>, seed: u64, trial: u64, corruption: Corruption) -> 
             here
         });
         let address = register.map_or(REGISTERS[0].1, |r| r.1);
-        return (vec![(address, at as u8)], board.now() + draw.random_range(0..CPU_HZ));
+        return Ok((vec![(address, at as u8)], board.now() + draw.random_range(0..CPU_HZ)));
     }
-    if let Some(place) = board.firmware().place_of(RATES).filter(|_| corruption == Corruption::Rates) {
+    if corruption == Corruption::Rates {
+        let place = board.firmware().place_of(RATES).context("the firmware has no state of the rate path")?;
         // (None twice, from all over it.)
         let bit = trial.wrapping_mul(SCATTER) % (8 * place.len().max(1) as u64);
-        return (vec![(place.start + (bit / 8) as u32, (bit % 8) as u8)], board.now() + draw.random_range(0..CPU_HZ));
+        let flipped_at = board.now() + draw.random_range(0..CPU_HZ);
+        return Ok((vec![(place.start + (bit / 8) as u32, (bit % 8) as u8)], flipped_at));
     }
     let (statics, stack) = (board.static_bytes(), board.stack_used());
     let at = draw.random_range(0..statics + stack);
@@ -333,7 +335,7 @@ fn draw(board: &Board<Wires>, seed: u64, trial: u64, corruption: Corruption) -> 
     let address = if at < statics { program.statics().start + at } else { program.stack().end - 1 - (at - statics) };
     let flipped_at = board.now() + draw.random_range(0..CPU_HZ);
     let bit = draw.random_range(0..8);
-    (corruption.bits(address, bit, &mut draw), flipped_at)
+    Ok((corruption.bits(address, bit, &mut draw), flipped_at))
 }
 
 /// It strikes.
@@ -372,10 +374,10 @@ pub fn looked_at(scene: &Scene, seed: u64, n: u64, corruption: Corruption) -> Re
     let truth = scene.undisturbed(&mut board, watched_s)?;
     let mut drawn: Vec<(u64, usize, Vec<u32>)> = (0..n)
         .map(|k| {
-            let (bits, at) = draw(&board, seed, k, corruption);
-            (at, k as usize, bits.iter().map(|(address, _)| *address).collect())
+            let (bits, at) = draw(&board, seed, k, corruption)?;
+            Ok((at, k as usize, bits.iter().map(|(address, _)| *address).collect()))
         })
-        .collect();
+        .collect::<Result<_>>()?;
     drawn.sort_unstable();
     for (at, k, bytes) in &drawn {
         run(&mut board, *at)?;
@@ -402,7 +404,7 @@ pub fn flips(scene: &Scene, seed: u64, looked_at: &[bool], corruption: Corruptio
         },
         |(board, start, truth), k| {
             board.restore(start)?;
-            let (bits, flipped_at) = draw(board, seed, k, corruption);
+            let (bits, flipped_at) = draw(board, seed, k, corruption)?;
             if !looked_at[k as usize] {
                 return Ok((bits[0].0, Fate::Nothing));
             }
