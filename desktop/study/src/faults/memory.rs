@@ -443,7 +443,7 @@ pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) ->
         (Corruption::Single, random(1)),
         (Corruption::Double, random(5)),
         (Corruption::Burst, random(5)),
-        (Corruption::Rates, random(2)),
+        (Corruption::Rates, random(10)),
         (Corruption::Register, random(5)),
     ] {
         corruptions(scene, seed, n, corruption, report)?;
