@@ -152,9 +152,16 @@ fn short(v: f64) -> String {
 fn draw(area: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, panel: &Panel) -> anyhow::Result<()> {
     let (x0, x1) = range(panel.series.iter().flat_map(|s| s.points.iter().map(|p| p.0)), panel.log);
     let (y0, y1) = range(panel.series.iter().flat_map(|s| s.points.iter().map(|p| p.1)), panel.log);
-    // Room above the data for the legend.
+    // Curves that rise leave room for the legend at the lower right; others get some above the data.
+    let rise = |s: &Series| !s.dots && s.points.len() > 1 && s.points.windows(2).all(|w| w[1].1 >= w[0].1);
+    let rising = !panel.log && panel.series.iter().all(rise);
     let labels = panel.series.iter().filter(|s| !s.label.is_empty()).count();
-    let y1 = if labels > 1 && !panel.log { y1 + 0.14 * labels as f64 * (y1 - y0) } else { y1 };
+    let y1 = if labels > 1 && !panel.log && !rising { y1 + 0.14 * labels as f64 * (y1 - y0) } else { y1 };
+    let corner = match (panel.log, rising) {
+        (true, _) => SeriesLabelPosition::UpperRight,
+        (_, true) => SeriesLabelPosition::LowerRight,
+        _ => SeriesLabelPosition::UpperLeft,
+    };
     let mut builder = ChartBuilder::on(area);
     builder.caption(&panel.title, ("sans-serif", 17)).margin(12).x_label_area_size(42).y_label_area_size(64);
     // The two kinds of axis are different types; what is drawn on them is the same.
@@ -197,7 +204,7 @@ fn draw(area: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, panel: &Pane
             if labels > 1 {
                 chart
                     .configure_series_labels()
-                    .position(if panel.log { SeriesLabelPosition::UpperRight } else { SeriesLabelPosition::UpperLeft })
+                    .position(corner)
                     .background_style(WHITE.mix(0.85))
                     .border_style(RGBColor(200, 200, 200))
                     .label_font(("sans-serif", 13))

@@ -35,7 +35,7 @@ use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::path::{Path, PathBuf};
 
 /// Version of rows: one that was kept by another is made anew.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// The files of one unit.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -90,6 +90,8 @@ pub struct Row {
     pub passes: String,
     /// Figures by name, as text of the shortest decimal that reads back as the same number.
     pub figures: BTreeMap<String, String>,
+    /// Units of figures, by their names without the letter of an axis; where there is none, the name says it.
+    pub units: BTreeMap<String, String>,
 }
 
 impl Row {
@@ -209,7 +211,9 @@ fn fill(out: &mut Row, files: &UnitFiles, wanted: &Wanted) -> anyhow::Result<()>
     let figures = report::report(&runs)?;
     for axis in &figures.axes {
         for q in &axis.quantities {
-            out.put(&format!("{}_{}", snake(q.name), axis.axis), q.value.unwrap_or(f64::NAN));
+            let name = snake(q.name);
+            out.put(&format!("{name}_{}", axis.axis), q.value.unwrap_or(f64::NAN));
+            out.units.insert(name, q.unit.to_string());
         }
     }
     let family = wanted.family.as_deref().map(read_family).transpose()?;

@@ -78,18 +78,40 @@ fn distribution(rows: &[Row], figure: &str) -> Option<Panel> {
         })
         .collect();
     (!series.is_empty()).then(|| Panel {
-        title: figure.replace('_', " "),
-        x: "value".into(),
+        title: said(figure),
+        x: unit_of(rows, figure),
         y: "share of the units at or below".into(),
         log: false,
         series,
     })
 }
 
-/// Figures without the letter of their axis.
+/// A figure's name without the letter of its axis.
+fn stem(name: &str) -> Option<&str> {
+    ["_x", "_y", "_z"].iter().find_map(|a| name.strip_suffix(a))
+}
+
 fn stems(rows: &[Row]) -> BTreeSet<String> {
-    let stem = |n: &String| ["_x", "_y", "_z"].iter().find_map(|a| n.strip_suffix(a)).map(String::from);
-    names(rows).into_iter().filter_map(stem).collect()
+    names(rows).into_iter().filter_map(|n| stem(n)).map(String::from).collect()
+}
+
+/// A figure's name as text.
+fn said(name: &str) -> String {
+    let text = name.replace("_dph", "").replace('_', " ");
+    match text.strip_prefix("image constant").map(|axis| ("constant that the image leaves", axis)) {
+        Some((what, axis)) => format!("{what}{axis}"),
+        None => match ["image", "baseline"].iter().find_map(|w| Some((w, text.strip_prefix(w)?))) {
+            Some((what, axis)) => format!("left by the {what}{axis}"),
+            None => text,
+        },
+    }
+}
+
+/// The unit of a figure.
+fn unit_of(rows: &[Row], name: &str) -> String {
+    let name = stem(name).unwrap_or(name);
+    let own = rows.iter().find_map(|r| r.units.get(name)).map(String::as_str);
+    own.unwrap_or(if name.ends_with("_dph") { "deg/h" } else { "" }).to_string()
 }
 
 /// Median and range of each figure, batch by batch.
@@ -104,7 +126,9 @@ fn batches(rows: &[Row]) -> String {
         let _ = write!(s, "<th>{}", escape(if b.is_empty() { "." } else { b }));
     });
     for name in names(rows) {
-        let _ = write!(s, "<tr><td>{}", escape(&name.replace('_', " ")));
+        let unit = unit_of(rows, name);
+        let unit = if unit.is_empty() { unit } else { format!(" [{unit}]") };
+        let _ = write!(s, "<tr><td>{}{}", escape(&said(name)), escape(&unit));
         for of in by_batch.values() {
             let all: Vec<f64> = of.iter().filter_map(|r| r.figure(name)).collect();
             if all.is_empty() {
@@ -152,15 +176,16 @@ pub(super) fn html(title: &str, rows: &[Row]) -> anyhow::Result<String> {
     if outliers.is_empty() {
         s += "<p>None.</p>";
     } else {
-        s += "<div class=wide><table><tr><th>unit<th class=left>figure<th>value<th>median of all<th>deviations from it";
+        s += "<div class=wide><table><tr><th>unit<th class=left>figure<th>value<th>median of all<th class=left>unit<th>deviations from it";
         for o in outliers.iter().take(100) {
             let _ = write!(
                 s,
-                "<tr><td>{}<td class=left>{}<td>{:.4}<td>{:.4}<td>{:+.1}",
+                "<tr><td>{}<td class=left>{}<td>{:.4}<td>{:.4}<td class=left>{}<td>{:+.1}",
                 escape(&o.unit),
-                escape(&o.figure.replace('_', " ")),
+                escape(&said(&o.figure)),
                 o.value,
                 o.median,
+                escape(&unit_of(rows, &o.figure)),
                 o.deviations
             );
         }

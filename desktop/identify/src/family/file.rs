@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Version of the format.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// A run that a family was learnt from.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -42,6 +42,8 @@ pub struct Part {
     pub effect: String,
     /// Parameters: those of the family.
     pub parameters: [f32; MAX_PARAMETERS],
+    /// State at the begin of a run, for an effect that remembers the path of the temperature: 0 in the middle, 1 and -1 on a branch.
+    pub start: f32,
 }
 
 /// An effect of a family, or effects that were found together.
@@ -85,6 +87,13 @@ pub struct AxisFacts {
     visited_levels: [u8; TEMPERATURES],
     /// Temperature by frequency; none where the thermometers are sensors.
     curve: Option<DesignCurve>,
+}
+
+/// The part of a file that every version has.
+#[derive(Deserialize)]
+struct Head {
+    #[serde(rename = "hrg-family")]
+    version: u32,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -166,11 +175,15 @@ impl Family {
     /// # Errors
     /// One sentence: no JSON of a family, another version, an effect that this program does not know, numbers that do not go together.
     pub fn from_json(text: &str) -> Result<Self, BadInput> {
-        let file: File = serde_json::from_str(text)
-            .map_err(|e| BadInput(format!("this is no family as hrg family writes it: {e}")))?;
-        if file.version != VERSION {
-            return Err(BadInput(format!("the family has version {}, this program reads {VERSION}", file.version)));
+        let no_family = |e: serde_json::Error| BadInput(format!("this is no family as hrg family writes it: {e}"));
+        // (The version comes first: another one has other fields.)
+        let Head { version } = serde_json::from_str(text).map_err(no_family)?;
+        if version != VERSION {
+            return Err(BadInput(format!(
+                "the family has version {version}, this program reads {VERSION}; learn it again from its recordings (hrg family)"
+            )));
         }
+        let file: File = serde_json::from_str(text).map_err(no_family)?;
         let unknown = file.effects.iter().flat_map(|t| &t.parts).find(|p| EffectId::by_name(&p.effect).is_none());
         if let Some(p) = unknown {
             return Err(BadInput(format!(

@@ -16,6 +16,7 @@ use crate::trace::odds::THRESHOLD;
 use crate::trace::regression::{posterior, Posterior, Under};
 use crate::trace::uncertainty::{self, Known};
 use hrg_core::calibration::Calibration;
+use hrg_core::effects::EffectId;
 use hrg_core::visited::Visited;
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
@@ -24,6 +25,9 @@ use hrg_data::numeric::stats::{dot, log_sum};
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 /// Log evidence of the runs of an axis.
+///
+/// That an axis does not belong is a claim, made at the odds of any other ([`THRESHOLD`]); with several axes there are so many claims, and each needs the
+/// logarithm of their number more.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Evidence {
     /// Under the family.
@@ -33,10 +37,10 @@ pub struct Evidence {
 }
 
 impl Evidence {
-    /// `true` where the axis belongs to the family: that it does not is a claim, made at the odds of any other ([`THRESHOLD`]).
+    /// `true` where the axis belongs to the family, as one of so many axes.
     #[must_use]
-    pub fn belongs(&self) -> bool {
-        self.own - self.family < THRESHOLD
+    pub fn belongs(&self, axes: usize) -> bool {
+        self.own - self.family < THRESHOLD + (axes.max(1) as f64).ln()
     }
 }
 
@@ -55,7 +59,8 @@ impl Member {
     /// `true` if each axis of the unit belongs to the family.
     #[must_use]
     pub fn belongs(&self) -> bool {
-        self.evidence.iter().flatten().all(Evidence::belongs) && self.evidence.iter().any(Option::is_some)
+        let axes = self.evidence.iter().flatten().count();
+        axes > 0 && self.evidence.iter().flatten().all(|e| e.belongs(axes))
     }
 
     /// `true` where the family says more of the unit than its own runs do, on all axes together.
@@ -90,10 +95,9 @@ impl Family {
     /// Runs that hold nothing down, or a family without an axis that the unit has.
     pub fn member(&self, prepared: &Prepared, own: [Option<f64>; AXES]) -> Result<Member, BadInput> {
         let data = Data::in_blocks(&prepared.runs, self.scaling, prepared.mean_lag_s(), self.coarse_s);
-        let specification = self.specification();
-        let fitted = self.fitted(&data, &specification)?;
+        let (specification, fitted, log_begin) = self.begun(&data)?;
         let evidence = std::array::from_fn(|a| {
-            let family = fitted.axes[a].posterior.as_ref()?.evidence;
+            let family = fitted.axes[a].posterior.as_ref()?.evidence + log_begin / data.axes_there() as f64;
             let columns = |of: &Specification| of.columns(&data, a).values;
             let alone = |of| alone(&data.axes[a], &columns(of));
             let own = [alone(&specification), alone(&Specification::default()), own[a]];
@@ -101,6 +105,24 @@ impl Family {
         });
         let known = uncertainty::given(&data, &fitted);
         Ok(Member { fitted, known, evidence })
+    }
+
+    /// The model with each run begun where it is the most probable under the family, the fit, and the log prior odds of these beginnings.
+    fn begun(&self, data: &Data<'_>) -> Result<(Specification, Fitted, f64), BadInput> {
+        let log_of = |f: &Fitted| f.axes.iter().filter_map(|x| Some(x.posterior.as_ref()?.evidence)).sum::<f64>();
+        let first = self.specification();
+        let fitted = self.fitted(data, &first)?;
+        let mut best = (first, fitted, 0.0);
+        for run in 0..data.runs.len() {
+            let (begun, before) = (best.0.clone(), best.2);
+            for (odds, model) in self.beginnings(&begun, run).into_iter().skip(1) {
+                let fitted = self.fitted(data, &model)?;
+                if before + odds + log_of(&fitted) > best.2 + log_of(&best.1) {
+                    best = (model, fitted, before + odds);
+                }
+            }
+        }
+        Ok(best)
     }
 
     fn fitted(&self, data: &Data<'_>, specification: &Specification) -> Result<Fitted, BadInput> {
@@ -142,6 +164,14 @@ impl Family {
             axis.visited = map;
         }
         let mut image = member.fitted.image(&base, &member.known.stated, notes);
+        for term in &mut image.effects {
+            // A unit that is switched on begins as the family's units do, wherever it began in these runs.
+            let parts = || self.terms.iter().flat_map(|t| &t.parts);
+            let part = parts().find(|p| {
+                EffectId::by_name(&p.effect).is_some_and(|e| e.facts().id == term.id) && p.parameters == term.parameters
+            });
+            term.start = part.map_or(term.start, |p| p.start);
+        }
         for (a, axis) in image.axes.iter_mut().enumerate() {
             let Some(p) = &member.known.posteriors[a] else { continue };
             axis.visited.unvisited_dph2 = uncertainty::unvisited(axis, &image.scaling, &p.covariance, 0.0) as f32;
@@ -358,5 +388,57 @@ mod tests {
         assert!(Family::from_json("{}").expect_err("none").0.contains("hrg family"));
         let few = vec![vec![run("cycle", 1, 1, 0.0)]; 1];
         assert!(Family::learn("few", few).expect_err("too few").0.contains("needs 4 units"));
+    }
+
+    /// Adds a play of a width of 12 C to the rates of a run, begun on a branch.
+    fn with_play(mut r: Recording, gain_dph_per_c: f64, branch: f64) -> Recording {
+        let prepared = prepare(std::slice::from_ref(&r)).expect("usable");
+        for a in 0..AXES {
+            let curve = &prepared.calibration.axes[a].curve;
+            let c = |f: f64| f64::from(curve.temperature_c(f));
+            let (half, mut state) = (6.0, None);
+            for k in 0..r.rate_dph[a].len() {
+                let t = c(r.frequency_hz[a][k]);
+                let now = state.map_or(t + branch * half, |s: f64| s.clamp(t - half, t + half));
+                state = Some(now);
+                r.rate_dph[a][k] += gain_dph_per_c * (now - t);
+            }
+        }
+        r
+    }
+
+    #[test]
+    fn a_family_knows_where_its_plays_begin_and_a_run_that_begins_elsewhere_is_understood() {
+        let one = |seed: u64, gain: f64, branch: f64| with_play(run("cycle", 1, seed, 0.0), gain, branch);
+        let gains = [0.30, 0.26, 0.33, 0.29, 0.31];
+        let units = (1..).zip(gains).map(|(seed, gain)| vec![one(seed, gain, 1.0)]).collect();
+        let (family, _) = Family::learn("plays", units).expect("a family");
+        let starts: Vec<f32> = family
+            .terms
+            .iter()
+            .flat_map(|t| &t.parts)
+            .filter(|p| EffectId::by_name(&p.effect).is_some_and(|e| e.facts().remembers_path))
+            .map(|p| p.start)
+            .collect();
+        assert!(!starts.is_empty() && starts.iter().all(|s| *s == 1.0), "{:?}", family.terms);
+        // Half an hour of heating: what the play does there is told by where it begins.
+        for branch in [1.0, -1.0] {
+            let short = [with_play(run("20,60@1,20m", 1, 91, 0.0), 0.3, branch)];
+            let prepared = family.prepare(&short, Units::Same).expect("usable");
+            let member = family.member(&prepared, [None; AXES]).expect("fitted");
+            assert!(member.belongs(), "{}", member.sentence(&family));
+            let begun = member.fitted.terms().iter().flat_map(|t| &t.parts).find(|c| c.facts.remembers_path);
+            assert_eq!(begun.map(|c| f64::from(c.starts.of(Some(0)))), Some(branch));
+            let image = family.image(&member, &prepared, &mut Vec::new());
+            let plays =
+                image.effects.iter().filter(|e| hrg_core::effects::by_id(e.id).is_some_and(|f| f.remembers_path));
+            assert!(plays.map(|e| e.start).all(|s| s == 1.0), "switched on, it begins as its family");
+        }
+        let old = family
+            .to_json()
+            .expect("text")
+            .replace("\"hrg-family\": 2", "\"hrg-family\": 1")
+            .replace("\"start\"", "\"begin\"");
+        assert!(Family::from_json(&old).expect_err("old").0.contains("learn it again"));
     }
 }

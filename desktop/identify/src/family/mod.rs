@@ -16,10 +16,11 @@ use crate::fit::independence::Units;
 use crate::fit::{prepare_for, prepare_of_design, scaling, states_of, Prepared};
 use crate::matrices::symmetric;
 use crate::thermometer::curve::DesignCurve;
-use crate::trace::data::{Candidate, Data};
+use crate::trace::data::{Candidate, Data, Starts};
 use crate::trace::model::{Specification, Term};
 use crate::trace::noise::NOISE_MODELS;
-use crate::trace::regression::{posterior, under_each};
+use crate::trace::odds;
+use crate::trace::regression::{posterior, under_each, Under};
 use crate::trace::search::Search;
 use hrg_core::bias::{Scaling, TERMS};
 use hrg_core::effects::EffectId;
@@ -278,42 +279,74 @@ impl Family {
         Data::in_blocks(std::slice::from_ref(run), self.scaling, self.lag_s, self.coarse_s)
     }
 
+    /// Models that differ in where the plays of one run begin, with their log prior odds: as they do in the family, or all of them in the middle or on one
+    /// branch, as of a unit that comes from elsewhere.
+    fn beginnings(&self, model: &Specification, run: usize) -> Vec<(f64, Specification)> {
+        let mut all = vec![(0.0, model.clone())];
+        if model.terms.iter().flat_map(|t| &t.parts).any(|c| c.facts.remembers_path) {
+            all.extend((0..Starts::BRANCHES.len()).map(|branch| (odds::BRANCH, model.beginning(run, branch))));
+        }
+        all
+    }
+
     /// Facts of a run about each axis.
     fn told(&self, specification: &Specification, run: &Run) -> [Option<Told>; AXES] {
         let data = self.blocks(run);
-        [0, 1, 2].map(|a: usize| {
-            let rows = &data.axes[a];
-            if rows.y.is_empty() {
-                return None;
-            }
-            let columns = specification.columns(&data, a).values;
-            let each = under_each(rows, &columns, &vec![None; columns.len()]);
-            let mut noise_models = [f64::NEG_INFINITY; NOISE_MODELS.len()];
-            for (log, u) in &each {
-                noise_models[u.noise_model] = log - NOISE_MODELS[u.noise_model].log_prior();
-            }
-            let (_, best) = each.into_iter().max_by(|x, y| x.0.total_cmp(&y.0))?;
-            let white = |x: &Vec<f64>| rows.filters.whitened(best.noise_model, x);
-            let (x, y) = (columns.iter().map(white).collect::<Vec<_>>(), white(&rows.y));
-            let p = x.len();
-            let information = symmetric(p, |i, j| dot(&x[i], &x[j]) / best.variance_dph2);
-            let product = DVector::from_fn(p, |i, _| dot(&x[i], &y) / best.variance_dph2);
-            let noise = NOISE_MODELS[best.noise_model];
-            let white_dph2 = best.variance_dph2 / noise.innovation();
-            let facts = NoiseFacts {
-                white_dph2_s: white_dph2 * data.block_s as f64,
-                slow_dph2: noise.slow * white_dph2,
-                slow_s: data.block_s as f64 / (1.0 - noise.phi).max(1e-6),
-            };
-            let ranges = Ranges {
-                from_c: self.temperatures_c[0],
-                to_c: self.temperatures_c[1],
-                from_c_per_min: self.ramps_c_per_min[0],
-                to_c_per_min: self.ramps_c_per_min[1],
-            };
-            let visited = States::new(ranges, run, a);
-            Some(Told { of_run: OfRun { information, product }, noise: facts, noise_models, visited })
+        let of = |model: &Specification| {
+            [0, 1, 2].map(|a: usize| {
+                let rows = &data.axes[a];
+                let columns = if rows.y.is_empty() { Vec::new() } else { model.columns(&data, a).values };
+                let each = under_each(rows, &columns, &vec![None; columns.len()]);
+                (columns, each)
+            })
+        };
+        let log_of = |axes: &[(Vec<Vec<f64>>, Vec<(f64, Under)>); AXES]| -> f64 {
+            axes.iter()
+                .map(|(_, each)| each.iter().map(|e| e.0).collect::<Vec<_>>())
+                .filter(|e| !e.is_empty())
+                .map(|e| log_sum(&e))
+                .sum()
+        };
+        let begun = self.beginnings(specification, 0).into_iter().map(|(odds, model)| {
+            let axes = of(&model);
+            (odds + log_of(&axes), axes)
+        });
+        let Some((_, axes)) = begun.max_by(|x, y| x.0.total_cmp(&y.0)) else { return [None, None, None] };
+        let mut axes = axes.into_iter();
+        std::array::from_fn(|a| {
+            let (columns, each) = axes.next()?;
+            self.told_of(&data, a, &columns, each)
         })
+    }
+
+    /// The same of one axis, from its columns under each noise model.
+    fn told_of(&self, data: &Data<'_>, a: usize, columns: &[Vec<f64>], each: Vec<(f64, Under)>) -> Option<Told> {
+        let rows = &data.axes[a];
+        let mut noise_models = [f64::NEG_INFINITY; NOISE_MODELS.len()];
+        for (log, u) in &each {
+            noise_models[u.noise_model] = log - NOISE_MODELS[u.noise_model].log_prior();
+        }
+        let (_, best) = each.into_iter().max_by(|x, y| x.0.total_cmp(&y.0))?;
+        let white = |x: &Vec<f64>| rows.filters.whitened(best.noise_model, x);
+        let (x, y) = (columns.iter().map(white).collect::<Vec<_>>(), white(&rows.y));
+        let p = x.len();
+        let information = symmetric(p, |i, j| dot(&x[i], &x[j]) / best.variance_dph2);
+        let product = DVector::from_fn(p, |i, _| dot(&x[i], &y) / best.variance_dph2);
+        let noise = NOISE_MODELS[best.noise_model];
+        let white_dph2 = best.variance_dph2 / noise.innovation();
+        let facts = NoiseFacts {
+            white_dph2_s: white_dph2 * data.block_s as f64,
+            slow_dph2: noise.slow * white_dph2,
+            slow_s: data.block_s as f64 / (1.0 - noise.phi).max(1e-6),
+        };
+        let ranges = Ranges {
+            from_c: self.temperatures_c[0],
+            to_c: self.temperatures_c[1],
+            from_c_per_min: self.ramps_c_per_min[0],
+            to_c_per_min: self.ramps_c_per_min[1],
+        };
+        let visited = States::new(ranges, data.runs.first()?, a);
+        Some(Told { of_run: OfRun { information, product }, noise: facts, noise_models, visited })
     }
 
     /// The distribution of an axis over the units. `None` where no unit has it.
@@ -418,13 +451,20 @@ fn present(p: &Prepared) -> impl Iterator<Item = usize> + '_ {
 
 impl FamilyTerm {
     fn of(t: &Term) -> Self {
-        let part = |c: &Candidate| Part { effect: c.facts.name.to_string(), parameters: c.parameters };
+        let part = |c: &Candidate| Part {
+            effect: c.facts.name.to_string(),
+            parameters: c.parameters,
+            start: c.starts.common(),
+        };
         Self { parts: t.parts.iter().map(part).collect(), axes: [0, 1, 2].map(|a: usize| t.on(a)) }
     }
 
     /// As a term of a model. `None` for an effect that this program does not know.
     fn term(&self) -> Option<Term> {
-        let part = |p: &Part| Some(Candidate::new(EffectId::by_name(&p.effect)?, p.parameters));
+        let part = |p: &Part| {
+            let branch = Starts::BRANCHES.iter().position(|b| *b == p.start)?;
+            Some(Candidate::new(EffectId::by_name(&p.effect)?, p.parameters).starting(Starts::all(32, branch)))
+        };
         let parts: Vec<Candidate> = self.parts.iter().map(part).collect::<Option<_>>()?;
         let outputs = parts.iter().map(|c| c.facts.outputs).sum();
         // (The variances are the family's; these say which axes have it.)

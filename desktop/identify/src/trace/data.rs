@@ -60,6 +60,11 @@ impl Starts {
         Self { codes, unseen: if common { first as u8 } else { 0 }, ..self }
     }
 
+    /// With another branch in one run; what a run begins with that is not among the train runs stays.
+    pub fn with_seen(self, run: usize, branch: usize) -> Self {
+        Self { unseen: self.unseen, ..self.with(run, branch) }
+    }
+
     /// With another branch in a run that is not among the train runs.
     pub fn with_unseen(self, branch: usize) -> Self {
         Self { unseen: branch as u8, ..self }
@@ -199,6 +204,8 @@ pub struct Data<'a> {
     /// Set if the runs are none of those that a model was learnt from: what belongs to one of those is zero, and paths begin where a run that
     /// nobody has seen begins.
     unseen: bool,
+    /// Set if the runs are of different units of one design, which are tested alike: a play begins in all of them at the same place.
+    pub alike: bool,
 }
 
 /// Value of the column of day number `day` in a run: the constants of the days, measured from their mean.
@@ -230,7 +237,7 @@ impl<'a> Data<'a> {
 
     /// Runs of different units: each has a baseline of its own, of which nothing is known.
     pub fn of_units(runs: &'a [Run], scaling: Scaling, lag_s: f64) -> Self {
-        let mut data = Self::new(runs, scaling, lag_s);
+        let mut data = Self { alike: true, ..Self::new(runs, scaling, lag_s) };
         for rows in &mut data.axes {
             let whole = rows.base[..TERMS].to_vec();
             let of_run = |run: usize, column: usize| rows.in_run(run, &whole[column]);
@@ -324,7 +331,19 @@ impl<'a> Data<'a> {
             rows
         });
         let growth = [Growth::default(); AXES];
-        Self { runs, scaling, lag_s, block_s, coarse_s, blocks, axes, growth, goes_on: false, unseen: false }
+        Self {
+            runs,
+            scaling,
+            lag_s,
+            block_s,
+            coarse_s,
+            blocks,
+            axes,
+            growth,
+            goes_on: false,
+            unseen: false,
+            alike: false,
+        }
     }
 
     /// Columns of a candidate for one axis, by regressor, on the kept blocks. `None` where it needs what was not

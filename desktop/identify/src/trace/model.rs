@@ -88,6 +88,17 @@ impl Specification {
         fewer
     }
 
+    /// The same with what remembers the path of the temperature on another branch (its number in [`super::data::Starts::BRANCHES`]) at the begin of one
+    /// run; what begins a run that nobody has seen stays.
+    #[must_use]
+    pub fn beginning(&self, run: usize, branch: usize) -> Self {
+        let mut other = self.clone();
+        for part in other.terms.iter_mut().flat_map(|t| &mut t.parts) {
+            *part = part.starting(part.starts.with_seen(run, branch));
+        }
+        other
+    }
+
     /// Range of the gains of term `e` among an axis' coefficients; `None` if the axis does not have it.
     #[must_use]
     pub fn gains(&self, e: usize, a: usize) -> Option<Range<usize>> {

@@ -168,7 +168,7 @@ impl<'a> Search<'a> {
     /// Start states of the plays, as far as the rates tell beside the baseline: the middle unless a branch has evidence. (Ladders tried
     /// here stay among the candidates.)
     fn starts(&mut self) -> Starts {
-        let runs = self.data.runs.len();
+        let (runs, alike) = (self.data.runs.len(), self.data.alike);
         let extent = self.data.extent();
         let grid = (card(EffectId::PlayLadder).grid)(&extent);
         let Some(&parameters) = grid.first() else { return Starts::default() };
@@ -188,7 +188,7 @@ impl<'a> Search<'a> {
                 best = (w, starts);
             }
         }
-        for run in 0..if runs > 1 { runs.min(MOST_STARTS) } else { 0 } {
+        for run in 0..if runs > 1 && !alike { runs.min(MOST_STARTS) } else { 0 } {
             for branch in 0..Starts::BRANCHES.len() {
                 let starts = best.1.with(run, branch);
                 let w = net_evidence(starts);

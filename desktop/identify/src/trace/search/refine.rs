@@ -60,9 +60,10 @@ impl Search<'_> {
             return state;
         }
         let mut best = (self.trial(&state, k, &parts) - odds::BRANCH, parts.clone());
-        for run in 0..self.data.runs.len().min(MOST_STARTS) {
+        let (runs, alike) = (self.data.runs.len(), self.data.alike);
+        for run in 0..if alike { 1 } else { runs.min(MOST_STARTS) } {
             for branch in 0..Starts::BRANCHES.len() {
-                let starts = best.1[0].starts.with(run, branch);
+                let starts = if alike { Starts::all(runs, branch) } else { best.1[0].starts.with(run, branch) };
                 if starts == best.1[0].starts {
                     continue;
                 }
