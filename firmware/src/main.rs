@@ -47,6 +47,7 @@ mod redundant;
 mod retained;
 #[cfg(feature = "self-test")]
 mod self_test;
+mod settings;
 mod slot;
 mod stack;
 mod stop;

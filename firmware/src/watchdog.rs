@@ -12,6 +12,7 @@ use crate::clock;
 use crate::params::{self, Time};
 use crate::program;
 use crate::retained;
+use crate::settings::Settings;
 use core::sync::atomic::{AtomicU32, Ordering};
 use embassy_stm32::pac::iwdg::vals::{Key, Pr};
 use embassy_stm32::pac::IWDG as REGISTERS;
@@ -86,6 +87,8 @@ impl Watchdog {
     pub async fn watch(self, mut program: program::Check) -> ! {
         feed();
         let mut supervision = Supervision::default();
+        let mut settings = Settings::default();
+        let mut sends = false;
         loop {
             Timer::after(Duration::from_millis(u64::from(LOOK_MS))).await;
             let alive = Alive {
@@ -94,6 +97,9 @@ impl Watchdog {
                 link: LINK_ALIVE.take(),
                 telemetry: TELEMETRY_ALIVE.take(),
             };
+            // (What sends sets the last register with its first frame.)
+            settings.look(sends);
+            sends |= alive.link;
             let silent = supervision.look(alive);
             retained::note_silent(silent, [0; 2]);
             // (A program on trial whose maintenance hangs could neither confirm itself nor give up.)

@@ -127,3 +127,39 @@ fn a_unit_that_was_told_to_restart_says_nothing() {
     assert!(matches!(told[..], [Message::Identity(_), Message::Programs(_)]), "{told:?}");
     assert_eq!(logged(&board), []);
 }
+
+/// Registers that stand still once the unit runs, and a bit of each: where it changes, nothing else would notice for most of them.
+const STANDING: [(&str, u32, u32); 18] = [
+    ("GPIOA MODER: the link's output is an input", 0x4002_0000, 19),
+    ("GPIOA AFRH: the link's output is none of the USART", 0x4002_0024, 4),
+    ("GPIOB PUPDR: the data-ready line is not pulled down", 0x4002_040C, 5),
+    ("GPIOC MODER: the pulse per second is no timer's input", 0x4002_0800, 13),
+    ("RCC CFGR: slower APB1", 0x4002_3808, 10),
+    ("RCC AHB1ENR: no clock of GPIOC", 0x4002_3830, 2),
+    ("RCC APB1ENR: no clock of TIM3", 0x4002_3840, 1),
+    ("TIM2 DIER: no interrupt of data-ready", 0x4000_000C, 4),
+    ("TIM2 CCMR2: another input", 0x4000_001C, 8),
+    ("TIM2 CCER: no capture of x", 0x4000_0020, 0),
+    ("TIM3 CCER: no pulse per second", 0x4000_0420, 0),
+    ("DMA1 S5CR: the ring of x does not go round", 0x4002_6088, 8),
+    ("DMA2 S5CR: commands are not received", 0x4002_6488, 0),
+    ("USART1 BRR: another rate", 0x4001_1008, 3),
+    ("USART1 CR1: no sender", 0x4001_100C, 3),
+    ("USART1 CR3: half duplex", 0x4001_1014, 3),
+    ("NVIC ISER0: an interrupt that nobody handles", 0xE000_E100, 30),
+    ("NVIC IPR: TIM2 above or below others", 0xE000_E41C, 5),
+];
+
+#[test]
+fn a_setting_of_a_peripheral_that_changes_has_the_unit_start_anew_within_half_a_second() {
+    let mut board = SCENE.settled().expect("settles");
+    let start = board.snapshot().expect("kept");
+    for (what, address, bit) in STANDING {
+        board.restore(&start).expect("back");
+        board.flip_register(address, bit).unwrap_or_else(|e| panic!("{what}: {e}"));
+        let from = board.now();
+        let stop = board.run_until(from + CPU_HZ).unwrap_or_else(|e| panic!("{what}: {e}"));
+        assert_eq!(stop, Stop::Watchdog, "{what}");
+        assert!(board.now() - from < 7 * CPU_HZ / 10, "{what}");
+    }
+}
