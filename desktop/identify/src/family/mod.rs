@@ -49,6 +49,31 @@ struct Told {
     visited: States,
 }
 
+/// An axis of a run under a model of which nothing is known: its columns, and the posterior under each noise model with its log likelihood.
+struct UnderModel {
+    columns: Vec<Vec<f64>>,
+    each: Vec<(f64, Under)>,
+}
+
+impl UnderModel {
+    fn new(data: &Data<'_>, model: &Specification, a: usize) -> Self {
+        let rows = &data.axes[a];
+        let columns = if rows.y.is_empty() { Vec::new() } else { model.columns(data, a).values };
+        let each = under_each(rows, &columns, &vec![None; columns.len()]);
+        Self { columns, each }
+    }
+
+    /// Log likelihood, zero for an axis that the unit does not have.
+    fn log(&self) -> f64 {
+        let each: Vec<f64> = self.each.iter().map(|e| e.0).collect();
+        if each.is_empty() {
+            0.0
+        } else {
+            log_sum(&each)
+        }
+    }
+}
+
 /// A family.
 #[derive(Debug, Clone)]
 pub struct Family {
@@ -289,38 +314,21 @@ impl Family {
         all
     }
 
-    /// Facts of a run about each axis.
+    /// Facts of a run about each axis, the run begun where it is the most probable.
     fn told(&self, specification: &Specification, run: &Run) -> [Option<Told>; AXES] {
         let data = self.blocks(run);
-        let of = |model: &Specification| {
-            [0, 1, 2].map(|a: usize| {
-                let rows = &data.axes[a];
-                let columns = if rows.y.is_empty() { Vec::new() } else { model.columns(&data, a).values };
-                let each = under_each(rows, &columns, &vec![None; columns.len()]);
-                (columns, each)
-            })
-        };
-        let log_of = |axes: &[(Vec<Vec<f64>>, Vec<(f64, Under)>); AXES]| -> f64 {
-            axes.iter()
-                .map(|(_, each)| each.iter().map(|e| e.0).collect::<Vec<_>>())
-                .filter(|e| !e.is_empty())
-                .map(|e| log_sum(&e))
-                .sum()
-        };
         let begun = self.beginnings(specification, 0).into_iter().map(|(odds, model)| {
-            let axes = of(&model);
-            (odds + log_of(&axes), axes)
+            let axes = [0, 1, 2].map(|a: usize| UnderModel::new(&data, &model, a));
+            (odds + axes.iter().map(UnderModel::log).sum::<f64>(), axes)
         });
-        let Some((_, axes)) = begun.max_by(|x, y| x.0.total_cmp(&y.0)) else { return [None, None, None] };
-        let mut axes = axes.into_iter();
-        std::array::from_fn(|a| {
-            let (columns, each) = axes.next()?;
-            self.told_of(&data, a, &columns, each)
-        })
+        match begun.max_by(|x, y| x.0.total_cmp(&y.0)) {
+            Some((_, [x, y, z])) => [self.told_of(&data, 0, x), self.told_of(&data, 1, y), self.told_of(&data, 2, z)],
+            None => [None, None, None],
+        }
     }
 
-    /// The same of one axis, from its columns under each noise model.
-    fn told_of(&self, data: &Data<'_>, a: usize, columns: &[Vec<f64>], each: Vec<(f64, Under)>) -> Option<Told> {
+    /// The same of one axis.
+    fn told_of(&self, data: &Data<'_>, a: usize, UnderModel { columns, each }: UnderModel) -> Option<Told> {
         let rows = &data.axes[a];
         let mut noise_models = [f64::NEG_INFINITY; NOISE_MODELS.len()];
         for (log, u) in &each {

@@ -107,6 +107,13 @@ pub fn run(arguments: Arguments) -> Result<()> {
         ..
     } = arguments;
     let recordings = facts.load(&recordings)?;
+    let of_sensors = recordings.iter().all(|r| r.thermometer.is_sensor());
+    if prior.is_some() && curve.is_some() && !of_sensors {
+        return Err(BadInput::new(
+            "--prior has the curves of frequency over temperature that its coefficients were learnt with; leave --curve out",
+        )
+        .into());
+    }
     let known = curve.as_deref().map(image_file::load).transpose()?.map(|c| c.axes.map(|a| a.curve));
     let prepared = fit::prepare_with(&recordings, units(different_units), known)?;
     let options = hrg_papers::method::Options { seed, uniform, breakpoint_c: breakpoint, degree };
@@ -143,7 +150,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     for &a in &present {
         found.calibration.axes[a].train_rms_dph = fitted[a] as f32;
     }
-    if let Some(known) = known.filter(|_| recordings.iter().all(|r| r.thermometer.is_sensor())) {
+    if let Some(known) = known.filter(|_| of_sensors) {
         fit::fly_by(&mut found.calibration, known)?;
     }
     image_file::save(&out, &found.calibration)?;
