@@ -626,7 +626,9 @@ impl<W: World> Board<W> {
         }
         let (pc, mut before) = (self.pc() & !1, [0; 32]);
         let from = pc.saturating_sub(16).max(FLASH_START);
-        if self.get(from, &mut before).is_ok() && !thumb::within_it(&before, (pc - from) as usize) {
+        // (A program that has lost its way may be anywhere, below the flash, too.)
+        let Some(at) = pc.checked_sub(from) else { return Ok(()) };
+        if self.get(from, &mut before).is_ok() && !thumb::within_it(&before, at as usize) {
             uc(self.cpu.reg_write(RegisterARM::XPSR, xpsr & !IT_STATE))?;
             // The code that comes was translated with that state, and the block before leads to the translation from now on.
             uc(self.cpu.ctl_remove_cache(u64::from(pc), u64::from(pc) + 2))?;

@@ -94,7 +94,10 @@ fn judge(sent: &Received, truth: &Received, reset_at: Option<u64>, flipped_at: u
 }
 
 /// Flips in the image in flash: alone in sector A, in the newer of two sectors, and in the newer of a row.
-fn flash(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()> {
+///
+/// # Errors
+/// If the unit cannot be run at all.
+pub fn image(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()> {
     let old = scene.calibration.clone();
     let mut new = old.clone();
     new.sequence = old.sequence + 1;
@@ -432,23 +435,30 @@ fn quiet(r: &Received, end: u64) -> bool {
     r.rate_at.last().is_none_or(|at| end - at > cycles(0.1))
 }
 
-/// Flips in flash and in RAM.
+/// A share of a campaign's trials: so many, one at the least.
+fn share(extent: &Extent, of: u64) -> u64 {
+    (extent.random / of).max(1)
+}
+
+/// Flips in RAM.
 ///
 /// # Errors
 /// If the unit cannot be run at all.
-pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) -> Result<()> {
-    flash(scene, extent, report)?;
-    let random = |share: u64| (extent.random / share).max(1);
-    for (corruption, n) in [
-        (Corruption::Single, random(1)),
-        (Corruption::Double, random(5)),
-        (Corruption::Burst, random(5)),
-        (Corruption::Rates, random(10)),
-        (Corruption::Register, random(5)),
-    ] {
-        corruptions(scene, seed, n, corruption, report)?;
+pub fn ram(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) -> Result<()> {
+    for (corruption, of) in
+        [(Corruption::Single, 1), (Corruption::Double, 5), (Corruption::Burst, 5), (Corruption::Rates, 10)]
+    {
+        corruptions(scene, seed, share(extent, of), corruption, report)?;
     }
     Ok(())
+}
+
+/// Flips in the registers of peripherals.
+///
+/// # Errors
+/// If the unit cannot be run at all.
+pub fn registers(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) -> Result<()> {
+    corruptions(scene, seed, share(extent, 5), Corruption::Register, report)
 }
 
 /// Corruptions of one kind.

@@ -346,7 +346,8 @@ impl Extent {
 }
 
 /// The parts of a campaign, in order.
-pub const PARTS: [&str; 8] = ["power", "update", "memory", "chip", "sensors", "link", "time", "load"];
+pub const PARTS: [&str; 10] =
+    ["power", "update", "image", "memory", "registers", "chip", "sensors", "link", "time", "load"];
 
 /// The whole campaign, or one of its [`PARTS`]. Prints each row as it comes.
 ///
@@ -364,7 +365,9 @@ pub fn campaign(elf: &[u8], seed: u64, extent: &Extent, only: Option<&str>) -> R
             match *part {
                 "power" => power::attack(&scene, seed, extent, &mut report)?,
                 "update" => update::attack(&scene, seed, extent, &mut report)?,
-                "memory" => memory::attack(&scene, seed, extent, &mut report)?,
+                "image" => memory::image(&scene, extent, &mut report)?,
+                "memory" => memory::ram(&scene, seed, extent, &mut report)?,
+                "registers" => memory::registers(&scene, seed, extent, &mut report)?,
                 "chip" => chip::attack(&scene, seed, extent, &mut report)?,
                 "sensors" => sensors::attack(&scene, extent, &mut report)?,
                 "link" => link::attack(&scene, seed, extent, &mut report)?,

@@ -108,12 +108,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     } = arguments;
     let recordings = facts.load(&recordings)?;
     let of_sensors = recordings.iter().all(|r| r.thermometer.is_sensor());
-    if prior.is_some() && curve.is_some() && !of_sensors {
-        return Err(BadInput::new(
-            "--prior has the curves of frequency over temperature that its coefficients were learnt with; leave --curve out",
-        )
-        .into());
-    }
+    must_be_one_curve(prior.is_some() && curve.is_some() && !of_sensors)?;
     let known = curve.as_deref().map(image_file::load).transpose()?.map(|c| c.axes.map(|a| a.curve));
     let prepared = fit::prepare_with(&recordings, units(different_units), known)?;
     let options = hrg_papers::method::Options { seed, uniform, breakpoint_c: breakpoint, degree };
@@ -165,6 +160,15 @@ pub fn run(arguments: Arguments) -> Result<()> {
         println!("note: {n}");
     }
     println!("{}: {by}, image {:08x}", out.display(), found.calibration.checksum());
+    Ok(())
+}
+
+/// A family has the curves that its coefficients were learnt with.
+fn must_be_one_curve(two: bool) -> Result<(), BadInput> {
+    let why = "--prior has the curves of frequency over temperature that its coefficients were learnt with; leave --curve out";
+    if two {
+        return Err(BadInput::new(why));
+    }
     Ok(())
 }
 
