@@ -78,7 +78,7 @@ fn distribution(rows: &[Row], figure: &str) -> Option<Panel> {
         })
         .collect();
     (!series.is_empty()).then(|| Panel {
-        title: said(figure),
+        title: as_text(figure),
         x: unit_of(rows, figure),
         y: "share of the units at or below".into(),
         log: false,
@@ -96,7 +96,7 @@ fn stems(rows: &[Row]) -> BTreeSet<String> {
 }
 
 /// A figure's name as text.
-fn said(name: &str) -> String {
+fn as_text(name: &str) -> String {
     let text = name.replace("_dph", "").replace('_', " ");
     match text.strip_prefix("image constant").map(|axis| ("constant that the image leaves", axis)) {
         Some((what, axis)) => format!("{what}{axis}"),
@@ -128,7 +128,7 @@ fn batches(rows: &[Row]) -> String {
     for name in names(rows) {
         let unit = unit_of(rows, name);
         let unit = if unit.is_empty() { unit } else { format!(" [{unit}]") };
-        let _ = write!(s, "<tr><td>{}{}", escape(&said(name)), escape(&unit));
+        let _ = write!(s, "<tr><td>{}{}", escape(&as_text(name)), escape(&unit));
         for of in by_batch.values() {
             let all: Vec<f64> = of.iter().filter_map(|r| r.figure(name)).collect();
             if all.is_empty() {
@@ -182,7 +182,7 @@ pub(super) fn html(title: &str, rows: &[Row]) -> anyhow::Result<String> {
                 s,
                 "<tr><td>{}<td class=left>{}<td>{:.4}<td>{:.4}<td class=left>{}<td>{:+.1}",
                 escape(&o.unit),
-                escape(&said(&o.figure)),
+                escape(&as_text(&o.figure)),
                 o.value,
                 o.median,
                 escape(&unit_of(rows, &o.figure)),
