@@ -63,7 +63,7 @@ def rust(folder, cores):
 
 
 def dask(folder, cores):
-    script = AT / "dask.py"
+    script = AT / "cluster.py"
     script.write_text(DASK)
     return on_cores(cores, [sys.executable, script, folder, fresh("out-dask"), cores])
 
@@ -92,7 +92,7 @@ def written(folder):
     """Seconds that table and page of many units take, and their sizes, MB."""
     from hrg import _hrg
 
-    rows = [json.loads(row) for row in (_hrg.fleet_kept(str(AT / "out-rust"), unit, None, [2.0, -40.0, 55.0]) for unit in _hrg.fleet_units(str(folder))) if row]
+    rows = [json.loads(row) for row in (_hrg.fleet_kept(str(AT / "out-dask"), unit, None, [2.0, -40.0, 55.0]) for unit in _hrg.fleet_units(str(folder))) if row]
     if not rows:
         sys.exit("no row of the run before was kept")
     many = [json.dumps({**rows[k % len(rows)], "unit": f"U{k:05d}"}) for k in range(MANY)]
