@@ -20,15 +20,14 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 PROGRAMS = ROOT / "target/release"
 AT = ROOT / "target/bench/fleet"
-LIMIT = ["2", "--from", "-40", "--to", "55"]
+# Largest error, deg/h, and the range of temperatures, C.
+LIMIT = (2.0, -40.0, 55.0)
 MANY = 10_000
 
 DASK = """
-import sys, time, hrg.fleet
+import sys, hrg.fleet
 if __name__ == "__main__":
-    begin = time.perf_counter()
-    hrg.fleet.run(sys.argv[1], sys.argv[2], workers=int(sys.argv[3]), limit=(2.0, -40.0, 55.0))
-    print(time.perf_counter() - begin)
+    hrg.fleet.run(sys.argv[1], sys.argv[2], workers=int(sys.argv[3]), limit=tuple(map(float, sys.argv[4:])))
 """
 
 
@@ -59,13 +58,13 @@ def fresh(name):
 
 def rust(folder, cores):
     out = fresh("out-rust")
-    return on_cores(cores, [PROGRAMS / "hrg", "fleet", folder, "--out", out, "--limit", *LIMIT])
+    return on_cores(cores, [PROGRAMS / "hrg", "fleet", folder, "--out", out, "--limit", LIMIT[0], "--from", LIMIT[1], "--to", LIMIT[2]])
 
 
 def dask(folder, cores):
     script = AT / "cluster.py"
     script.write_text(DASK)
-    return on_cores(cores, [sys.executable, script, folder, fresh("out-dask"), cores])
+    return on_cores(cores, [sys.executable, script, folder, fresh("out-dask"), cores, *LIMIT])
 
 
 def parts(folder):
@@ -92,7 +91,7 @@ def written(folder):
     """Seconds that table and page of many units take, and their sizes, MB."""
     from hrg import _hrg
 
-    rows = [json.loads(row) for row in (_hrg.fleet_kept(str(AT / "out-dask"), unit, None, [2.0, -40.0, 55.0]) for unit in _hrg.fleet_units(str(folder))) if row]
+    rows = [json.loads(row) for row in (_hrg.fleet_kept(str(AT / "out-dask"), unit, None, list(LIMIT)) for unit in _hrg.fleet_units(str(folder))) if row]
     if not rows:
         sys.exit("no row of the run before was kept")
     many = [json.dumps({**rows[k % len(rows)], "unit": f"U{k:05d}"}) for k in range(MANY)]

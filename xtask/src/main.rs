@@ -48,7 +48,7 @@ const USAGE: &str = "cargo xtask COMMAND
   fingerprint       checksums of frames, images, files, traces of 20 units and a short study: compare them before and after a change
                     that should change nothing (about 30 min)
   mutate [ARGS]     make one write of the program's set-up wrong at a time; the virtual board must notice (--short: a tenth; --page: into a page)
-  faults [ARGS]     attack what docs/promises.md promises: power, memory, sensors, link, load, time (about 15 min; --short: 1)
+  faults [ARGS]     attack what docs/promises.md promises: power, memory, sensors, link, load, time (about 100 min; --short: 1)
   methods [ARGS]    every identification method on simulated units of three kinds and of the second plant, costs counted, and flown (40 min; --units 5 --seeds 1 --fly none: 10)
   study [ARGS]      the seeded campaign behind docs/trace.md
   study --controls [N] the trace on N clean units (default 600), a third with the spectra of measured residuals, into docs/controls.md

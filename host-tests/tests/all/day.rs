@@ -64,6 +64,12 @@ fn text(folder: &Path, name: &str) -> String {
     std::fs::read_to_string(folder.join(name)).expect("written")
 }
 
+/// Temperature of the resonators of [`steps`] in a second, over the middle of their range, C.
+pub fn warmer_c(second: usize) -> f64 {
+    let at = second % 240;
+    0.2 * at.min(240 - at) as f64 - 12.0
+}
+
 /// Minutes in which the resonators are warmed by 24 C and cooled again, fast enough for a test: 12 C per minute.
 pub fn steps(minutes: u32, slope_dph_per_c: f64) -> Steps {
     let plan = Plan::of(Profile::parse(&format!("20,{minutes}m")).expect("fine"), 5, 3);
@@ -72,10 +78,8 @@ pub fn steps(minutes: u32, slope_dph_per_c: f64) -> Steps {
     let mut steps = Steps::new(&recording).expect("long enough");
     for (a, curve) in Calibration::uncalibrated().axes.map(|a| a.curve).iter().enumerate() {
         for (k, f) in steps.frequency_hz[a].iter_mut().enumerate() {
-            let at = (k % 240) as f64;
-            steps.rate_dph[a][k] += slope_dph_per_c * (0.2 * at.min(240.0 - at) - 12.0);
-            *f =
-                curve.frequency_hz(5.0 + 0.2 * at.min(240.0 - at)).expect("in range") + 1e-4 * ((k * 7919) % 11) as f64;
+            steps.rate_dph[a][k] += slope_dph_per_c * warmer_c(k);
+            *f = curve.frequency_hz(17.0 + warmer_c(k)).expect("in range") + 1e-4 * ((k * 7919) % 11) as f64;
         }
     }
     steps

@@ -2,7 +2,7 @@
 // A test may panic.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use crate::day::{command, folder, power_for, steps};
+use crate::day::{command, folder, power_for, steps, warmer_c};
 use hrg_data::recording::Recording;
 use hrg_identify::family::Family;
 use hrg_simulate::{Plan, Profile};
@@ -59,8 +59,7 @@ fn recorded(seed: u64, slope_dph_per_c: f64) -> Recording {
     for a in 0..3 {
         let n = r.time_s.len();
         r.frequency_hz[a].copy_from_slice(&served.frequency_hz[a][..n]);
-        let warmer = |k: usize| 0.2 * (k % 240).min(240 - k % 240) as f64 - 12.0;
-        r.rate_dph[a].iter_mut().enumerate().for_each(|(k, v)| *v += slope_dph_per_c * warmer(k));
+        r.rate_dph[a].iter_mut().enumerate().for_each(|(k, v)| *v += slope_dph_per_c * warmer_c(k));
     }
     r
 }

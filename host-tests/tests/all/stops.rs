@@ -151,7 +151,7 @@ const STANDING: [(&str, u32, u32); 18] = [
 ];
 
 #[test]
-fn a_setting_of_a_peripheral_that_changes_has_the_unit_start_anew_within_half_a_second() {
+fn a_setting_of_a_peripheral_that_changes_has_the_unit_start_anew() {
     let mut board = SCENE.settled().expect("settles");
     let start = board.snapshot().expect("kept");
     for (what, address, bit) in STANDING {

@@ -95,16 +95,18 @@ fn stems(rows: &[Row]) -> BTreeSet<String> {
     names(rows).into_iter().filter_map(|n| stem(n)).map(String::from).collect()
 }
 
+/// Begins of figures' names that need more words on a page.
+const IN_WORDS: [(&str, &str); 3] = [
+    ("image constant", "constant that the image leaves"),
+    ("image", "left by the image"),
+    ("baseline", "left by the baseline"),
+];
+
 /// A figure's name as text.
 fn as_text(name: &str) -> String {
     let text = name.replace("_dph", "").replace('_', " ");
-    match text.strip_prefix("image constant").map(|axis| ("constant that the image leaves", axis)) {
-        Some((what, axis)) => format!("{what}{axis}"),
-        None => match ["image", "baseline"].iter().find_map(|w| Some((w, text.strip_prefix(w)?))) {
-            Some((what, axis)) => format!("left by the {what}{axis}"),
-            None => text,
-        },
-    }
+    let longer = IN_WORDS.iter().find_map(|(short, words)| Some(format!("{words}{}", text.strip_prefix(short)?)));
+    longer.unwrap_or(text)
 }
 
 /// The unit of a figure.

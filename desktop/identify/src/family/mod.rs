@@ -307,11 +307,12 @@ impl Family {
     /// Models that differ in where the plays of one run begin, with their log prior odds: as they do in the family, or all of them in the middle or on one
     /// branch, as of a unit that comes from elsewhere.
     fn beginnings(&self, model: &Specification, run: usize) -> Vec<(f64, Specification)> {
-        let mut all = vec![(0.0, model.clone())];
-        if model.terms.iter().flat_map(|t| &t.parts).any(|c| c.facts.remembers_path) {
-            all.extend((0..Starts::BRANCHES.len()).map(|branch| (odds::BRANCH, model.beginning(run, branch))));
-        }
-        all
+        let plays = || model.terms.iter().flat_map(|t| &t.parts).filter(|c| c.facts.remembers_path);
+        let differs = |branch: &usize| plays().any(|c| c.starts.of(Some(run)) != Starts::BRANCHES[*branch]);
+        let elsewhere = (0..Starts::BRANCHES.len()).filter(differs);
+        std::iter::once((0.0, model.clone()))
+            .chain(elsewhere.map(|branch| (odds::BRANCH, model.beginning(run, branch))))
+            .collect()
     }
 
     /// Facts of a run about each axis, the run begun where it is the most probable.

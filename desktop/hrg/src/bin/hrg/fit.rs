@@ -6,6 +6,7 @@ use crate::{now, units};
 use anyhow::Result;
 use clap::Args;
 use hrg_core::calibration::Calibration;
+use hrg_core::temperature::TemperatureCurve;
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
@@ -17,7 +18,7 @@ use hrg_papers::history::csv;
 use hrg_papers::method::Method;
 use hrg_papers::methods;
 use hrg_papers::methods::Identified;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Arguments of `hrg fit`.
 #[derive(Args)]
@@ -108,8 +109,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     } = arguments;
     let recordings = facts.load(&recordings)?;
     let of_sensors = recordings.iter().all(|r| r.thermometer.is_sensor());
-    must_be_one_curve(prior.is_some() && curve.is_some() && !of_sensors)?;
-    let known = curve.as_deref().map(image_file::load).transpose()?.map(|c| c.axes.map(|a| a.curve));
+    let known = known_curves(curve.as_deref(), prior.is_some() && !of_sensors)?;
     let prepared = fit::prepare_with(&recordings, units(different_units), known)?;
     let options = hrg_papers::method::Options { seed, uniform, breakpoint_c: breakpoint, degree };
     let (mut by, mut about, mut image) = (method.to_string(), Vec::new(), None);
@@ -163,13 +163,16 @@ pub fn run(arguments: Arguments) -> Result<()> {
     Ok(())
 }
 
-/// A family has the curves that its coefficients were learnt with.
-fn must_be_one_curve(two: bool) -> Result<(), BadInput> {
-    let why = "--prior has the curves of frequency over temperature that its coefficients were learnt with; leave --curve out";
-    if two {
-        return Err(BadInput::new(why));
+/// The curves of a calibration, for those of frequency over temperature. `has_curves`: a family brings those that its coefficients were learnt with.
+fn known_curves(file: Option<&Path>, has_curves: bool) -> Result<Option<[TemperatureCurve; AXES]>> {
+    let Some(file) = file else { return Ok(None) };
+    if has_curves {
+        return Err(BadInput::new(
+            "--prior has the curves of frequency over temperature that its coefficients were learnt with; leave --curve out",
+        )
+        .into());
     }
-    Ok(())
+    Ok(Some(image_file::load(file)?.axes.map(|a| a.curve)))
 }
 
 /// The image of a unit under a family, and the remarks on it; none of a unit that does not belong to it.
