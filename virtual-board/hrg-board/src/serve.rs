@@ -7,8 +7,10 @@ use hrg_core::calibration::Calibration;
 use hrg_core::sectors::SECTOR_BYTES as SECTOR;
 use hrg_data::log::Decoder;
 use hrg_data::recording::steps::Steps;
+use nix::fcntl::{fcntl, FcntlArg, OFlag};
 use serialport::{SerialPort, TTYPort};
 use std::io::{Read, Write};
+use std::os::fd::AsRawFd as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -42,6 +44,8 @@ impl Pty {
     fn new(link: &Path) -> Result<Self> {
         let (mut ours, theirs) = TTYPort::pair().context("no pseudo-terminal is to be had")?;
         ours.set_timeout(Duration::ZERO)?;
+        // A write of more than there is room for would wait for a reader, for ever where there is none.
+        fcntl(ours.as_raw_fd(), FcntlArg::F_SETFL(OFlag::O_NONBLOCK)).context("a pseudo-terminal that waits")?;
         let name = theirs.name().context("the pseudo-terminal has no name")?;
         let _ = std::fs::remove_file(link);
         std::os::unix::fs::symlink(&name, link).with_context(|| format!("cannot make {}", link.display()))?;
@@ -140,4 +144,29 @@ pub fn serve(
         flash.display()
     );
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Pty;
+    use std::io::Read as _;
+    use std::sync::mpsc;
+    use std::time::Duration;
+
+    #[test]
+    fn who_does_not_read_loses_bytes_and_stops_nobody() {
+        let link = std::env::temp_dir().join(format!("hrg-board-pty-{}", std::process::id()));
+        let mut pty = Pty::new(&link).expect("a pseudo-terminal");
+        // A reader that comes and goes; its settings of the line stay.
+        drop(serialport::new(link.to_string_lossy(), 115_200).open_native().expect("opens"));
+        let (done, ended) = mpsc::channel();
+        std::thread::spawn(move || {
+            (0..50).for_each(|_| pty.write(&[0x55; 4925]));
+            let _ = done.send(pty);
+        });
+        let mut pty = ended.recv_timeout(Duration::from_secs(20)).expect("a write with no reader ends");
+        let mut some = [0; 64];
+        assert!(pty._theirs.read(&mut some).is_ok_and(|n| n > 0), "what there was room for is there to be read");
+        let _ = std::fs::remove_file(link);
+    }
 }
