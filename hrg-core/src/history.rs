@@ -10,6 +10,9 @@
 //! The same holds after a thermometer was lost for longer than [`HOLD_S`]: meanwhile the copies run with the coldest and the hottest
 //! temperature that it may have by then, for its own axis and for each that looks at it.
 //!
+//! What settles after power-on begins with this power-on, at the temperature that the unit has then, or it was over long ago. A unit that
+//! was off for so short a time that an older settling goes on is neither; it is flagged as long as its own would take.
+//!
 //! A reset that leaves the memory alone does not end a past: [`crate::compensator::Compensator::keep`] writes all states into words
 //! that a reset leaves alone, and the unit goes on from them ([`crate::compensator::Compensator::resume`]).
 //!
@@ -651,6 +654,19 @@ mod tests {
             assert!(off(k) < 3.5 * cold[k].bias_std_dph[0], "{k}: {} of {}", off(k), cold[k].bias_std_dph[0]);
         }
         assert!(off(first_known) < 0.1, "{}", off(first_known));
+    }
+
+    #[test]
+    fn what_settles_from_the_temperature_at_power_on_is_unknown_by_no_more_than_itself() {
+        // Switched on now or long ago: the whole, or nothing. The temperature at power-on is known.
+        let image = calibration(&[(EffectId::PowerOnLadderByStart, [120.0, 3600.0], 0.5)], &[0]);
+        let mut unit = Compensator::new(image, 0.0);
+        for (second, out) in run(&mut unit, 0..8000).iter().enumerate().step_by(TURN as usize) {
+            let (whole, std) = (out.bias_dph[0].abs(), out.bias_std_dph[0]);
+            assert!(whole > 0.01, "{second} s: a start that is not at the reference: {whole}");
+            // (The copies take a step in ten seconds, and their step is that much behind.)
+            assert!((std - UNIFORM * whole).abs() < 0.1 * UNIFORM * whole + 0.003, "{second} s: {std} of {whole}");
+        }
     }
 
     #[test]

@@ -88,6 +88,9 @@ impl Effect for PowerOnLadderByStart {
         core::slice::from_mut(&mut self.start_c)
     }
 
+    /// A unit knows at which temperature it was switched on, whatever it had before: only the time since then may be another.
+    fn soak_at(&mut self, _temperature_c: f32) {}
+
     fn span(p: Taus) -> Span {
         Span::Time(p.tau_max_s)
     }
