@@ -2,10 +2,13 @@
 //!
 //! The state of a lag, a play or a warm-up follows from the unit's past. After a power-on the unit does not know that past. So it
 //! runs two more copies of each effect: one of a unit that has been at the coldest calibrated temperature for long, one of a unit
-//! that has been at the hottest one and was switched on long ago. The truth lies between them. The distance of their biases is
-//! the uncertainty of the bias for want of a past. It decays with the effect's own time constants, and a play knows its place as
-//! soon as the temperature has swept its width. Until 5 % of it is left (three time constants), or 0.01 deg/h, the axis is
-//! flagged [`crate::status::AxisStatus::HISTORY_UNKNOWN`]; it is in the stated uncertainty as long as it is more than 0.01 deg/h.
+//! that has been at the hottest one and was switched on long ago. The truth lies between them.
+//!
+//! The *stated* uncertainty for want of a past is that of a unit that stood at one temperature for long, any of these alike: their
+//! distance times the deviation of a uniform distribution. Another past may stir up one time constant of a ladder and not the next; it is
+//! bounded by the distance with the gains by their sizes. That bound decays with the effect's own time constants, and a play knows its
+//! place as soon as the temperature has swept its width. Until 5 % of the bound is left (three time constants), or 0.01 deg/h, the axis is
+//! flagged [`crate::status::AxisStatus::HISTORY_UNKNOWN`]; what is unknown is in the stated uncertainty until the bound is 0.01 deg/h.
 //!
 //! The same holds after a thermometer was lost for longer than [`HOLD_S`]: meanwhile the copies run with the coldest and the hottest
 //! temperature that it may have by then, for its own axis and for each that looks at it.
@@ -38,7 +41,7 @@
 use crate::bias::clamp;
 use crate::bytes;
 use crate::calibration::{Calibration, EffectTerm, DIRECTIONS, MAX_EFFECTS};
-use crate::effects::{self, OnUnit, Span, Sums, MAX_MEMORY, MAX_OUTPUTS};
+use crate::effects::{self, Gains, OnUnit, Span, Sums, MAX_MEMORY, MAX_OUTPUTS};
 use crate::half::Half;
 use crate::inputs::{self, QuantitySet, Seen};
 use crate::thermal::{AxisThermal, Thermal};
@@ -83,8 +86,8 @@ pub struct Unknown {
 enum Place {
     /// The axis has had no temperature yet.
     Coming,
-    /// They are apart by so much now, and were by so much at most, deg/h.
-    Apart(f32, f32),
+    /// Gains by their sizes they are apart by so much now, and were by so much at most; as they are by so much, deg/h.
+    Apart(f32, f32, f32),
     /// They have come together.
     Known,
 }
@@ -147,9 +150,9 @@ impl Past for History {
                 match *past {
                     Place::Known => {}
                     Place::Coming => unknown.axes[k] |= term.gains[k].iter().any(|g| *g != 0.0),
-                    Place::Apart(now, most) => {
+                    Place::Apart(now, most, own) => {
                         unknown.axes[k] |= now > NEGLIGIBLE_DPH && now > KNOWN * most;
-                        unknown.std_dph[k] += UNIFORM * now;
+                        unknown.std_dph[k] += UNIFORM * own;
                     }
                 }
             }
@@ -167,7 +170,7 @@ impl Past for History {
     fn numbers(&self, e: usize, k: usize) -> [f32; 2] {
         match self.past.get(e).and_then(|p| p.get(k)) {
             None | Some(Place::Coming) => [f32::NAN; 2],
-            Some(Place::Apart(apart, most)) => [*apart, *most],
+            Some(Place::Apart(apart, most, _)) => [*apart, *most],
             Some(Place::Known) => [-1.0; 2],
         }
     }
@@ -177,7 +180,7 @@ impl Past for History {
             *past = match numbers {
                 [apart, _] if apart.is_nan() => Place::Coming,
                 [apart, _] if apart < 0.0 => Place::Known,
-                [apart, most] => Place::Apart(apart, most),
+                [apart, most] => Place::Apart(apart, most, apart),
             };
         }
     }
@@ -214,39 +217,37 @@ impl History {
                     let [lowest, highest] = inputs::with_ends(&seen.values, &calibration.inputs, QuantitySet::all());
                     low.soak_at(k, range.valid_from_c, &lowest);
                     high.soak_at(k, range.valid_to_c, &highest);
-                    *past = Place::Apart(0.0, 0.0);
+                    *past = Place::Apart(0.0, 0.0, 0.0);
                 }
                 Place::Known if known && (lost[k] || any_lost) => {
                     for copy in [&mut *low, &mut *high] {
                         copy.memory(k).iter_mut().zip(main.memory(k)).for_each(|(to, from)| *to = *from);
                     }
-                    *past = Place::Apart(0.0, 0.0);
+                    *past = Place::Apart(0.0, 0.0, 0.0);
                 }
                 _ => {}
             }
         }
         let [cold, mut hot] = [Side::Cold, Side::Hot].map(|side| side.of(calibration, thermal));
         hot.time_s = LONG_S;
-        let weights = term.gains.map(|gains| if main.is_curve() { variation(&gains) } else { gains.map(f32::abs) });
-        let mut bias_dph = [[0.0; AXES]; 2];
-        let sides = [low, high].into_iter().zip([&cold, &hot]).zip(&ends);
-        for (((copy, thermal), quantities), bias_dph) in sides.zip(&mut bias_dph) {
-            let sums = &mut Sums {
-                gains: &weights,
-                bias_dph,
-                directions: &term.directions,
-                along_dph: &mut [[0.0; AXES]; DIRECTIONS],
-            };
+        // (The sizes take the place of the directions, which nobody asks for here.)
+        let directions = &[sizes(&term.gains, main.is_curve()); DIRECTIONS];
+        // Hot less cold.
+        let (mut own_dph, mut along_dph) = ([0.0; AXES], [[0.0; AXES]; DIRECTIONS]);
+        for ((copy, thermal), quantities) in [low, high].into_iter().zip([&cold, &hot]).zip(&ends) {
+            own_dph.iter_mut().chain(along_dph.as_flattened_mut()).for_each(|sum| *sum = -*sum);
+            let sums = &mut Sums { gains: &term.gains, bias_dph: &mut own_dph, directions, along_dph: &mut along_dph };
             copy.add_bias_dph(&calibration.scaling, thermal, quantities, sums);
         }
-        let [cold_dph, hot_dph] = bias_dph;
-        for (((past, lost), cold_dph), hot_dph) in past.iter_mut().zip(lost).zip(cold_dph).zip(hot_dph) {
-            let Place::Apart(_, most) = *past else { continue };
-            let apart = (hot_dph - cold_dph).abs();
+        let [bounds_dph, ..] = along_dph;
+        for (((past, lost), bound), own) in past.iter_mut().zip(lost).zip(bounds_dph).zip(own_dph) {
+            let Place::Apart(_, most, _) = *past else { continue };
+            let apart = bound.abs();
             // While a thermometer is lost they part anew.
             let parting = lost || any_lost;
             let most = if apart > most || parting { apart } else { most };
-            *past = if apart <= NEGLIGIBLE_DPH && !parting { Place::Known } else { Place::Apart(apart, most) };
+            *past =
+                if apart <= NEGLIGIBLE_DPH && !parting { Place::Known } else { Place::Apart(apart, most, own.abs()) };
         }
     }
 }
@@ -365,15 +366,22 @@ impl Left {
     }
 }
 
-/// For a curve over knots with these values: at each knot, how much it has gone up and down since the first. Between two places its values
-/// differ by no more than this does, which never falls: so two places are told apart where the curve itself has the same value.
-fn variation(gains: &[f32; MAX_OUTPUTS]) -> [f32; MAX_OUTPUTS] {
-    let (mut sum, mut before) = (0.0, gains[0]);
-    gains.map(|g| {
-        sum += (g - before).abs();
-        before = g;
-        sum
-    })
+/// Gains by their sizes. For a curve over knots with these values: at each knot, how much it has gone up and down since the first. Between two
+/// places its values differ by no more than this does, which never falls: so two places are told apart where the curve itself has the same value.
+#[inline(never)]
+fn sizes(gains: &Gains, curve: bool) -> [[Half; MAX_OUTPUTS]; AXES] {
+    let mut out = [[Half::ZERO; MAX_OUTPUTS]; AXES];
+    for (out, gains) in out.iter_mut().zip(gains) {
+        let (mut sum, mut before) = (0.0, gains[0]);
+        for (out, gain) in out.iter_mut().zip(gains) {
+            sum += (gain - before).abs();
+            before = *gain;
+            let size = if curve { sum } else { gain.abs() };
+            // (Cut: a bound needs no more digits.)
+            *out = Half::from_bits((size.to_bits() >> 16) as u16);
+        }
+    }
+    out
 }
 
 /// A past: the coldest or the hottest that the unit, or a lost thermometer, may have had.

@@ -24,8 +24,14 @@ fn json_of(row: &Row) -> PyResult<String> {
 
 /// The units of a folder, each as JSON.
 #[pyfunction]
-pub fn fleet_units(folder: PathBuf) -> PyResult<Vec<String>> {
-    let units = fleet::units(&folder).map_err(refused)?;
+#[pyo3(signature = (folder, out, family=None, limit=None))]
+pub fn fleet_units(
+    folder: PathBuf,
+    out: PathBuf,
+    family: Option<PathBuf>,
+    limit: Option<[f64; 3]>,
+) -> PyResult<Vec<String>> {
+    let units = fleet::units(&folder, &out, &wanted(family, limit)).map_err(refused)?;
     units.iter().map(|u| serde_json::to_string(u).map_err(refused)).collect()
 }
 

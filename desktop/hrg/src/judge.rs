@@ -30,6 +30,8 @@ const END_C: f64 = 1.0;
 const CELL_C: f64 = 1.0;
 /// Empty cells in a row that a ramp may leave, C: a gap that a fast ramp leaves between two seconds is none.
 const GAP_C: f64 = 2.0;
+/// Seconds of rates that tell what an image leaves of the unit now.
+const SECONDS_NOW: usize = 30;
 /// Ramps slower than that are a soak, C per minute.
 const SOAK_C_PER_MIN: f64 = 0.05;
 
@@ -328,6 +330,34 @@ fn without_spikes(runs: &[Recording], calibration: &Calibration, limit: &Limit) 
     let judgement = judge(&clean, calibration, limit)?;
     let largest = judgement.axes.values().filter_map(|a| a.largest_dph).fold(0.0, f64::max);
     Ok(Some(format!("without the spikes: {}, the largest error is {largest:.3} deg/h", judgement.verdict.word())))
+}
+
+/// Tests, before a burn, that an image corrects the unit that a short recording is of: its rates now are within the limit, beside three deviations of what is
+/// stated and of their noise.
+///
+/// # Errors
+/// One sentence with the axis and what is left.
+pub fn corrects(now: &Recording, calibration: &Calibration, limit: &Limit) -> Result<(), BadInput> {
+    let seconds = correct::correct(calibration, &Steps::new(now)?);
+    for (a, name) in AXIS_NAMES.iter().enumerate().filter(|(a, _)| !now.absent[*a]) {
+        let settled =
+            |s: &&correct::Second| s.corrected_dph[a].is_finite() && s.status[a] & AxisStatus::SETTLING.bits() == 0;
+        let each: Vec<f64> = seconds.iter().filter(settled).map(|s| f64::from(s.corrected_dph[a])).collect();
+        if each.len() < SECONDS_NOW {
+            return Err(BadInput(format!("axis {name}: the unit on the port gives no rates with a temperature now")));
+        }
+        let stated: Vec<f64> = seconds.iter().filter(settled).map(|s| f64::from(s.bias_std_dph[a]).powi(2)).collect();
+        let stated = mean(&stated.into_iter().filter(|v| v.is_finite()).collect::<Vec<_>>());
+        let variance = std_dev(&each).powi(2) / each.len() as f64 + if stated.is_finite() { stated } else { 0.0 };
+        let left = mean(&each);
+        if left.abs() > limit.limit_dph + 3.0 * variance.sqrt() {
+            return Err(BadInput(format!(
+                "axis {name}: the image leaves {left:.2} deg/h of the unit that is on the port now, and {} are the limit: is it the unit that was recorded, and at rest?",
+                limit.limit_dph
+            )));
+        }
+    }
+    Ok(())
 }
 
 /// Judges runs of a unit under a calibration.
@@ -680,6 +710,23 @@ mod tests {
         cells.visit(7.5, -1.0);
         assert_eq!(cells.stretch(), Some((0, 13)));
         assert_eq!((Cells::share(&cells.cooling), cells.fastest), (0.05, [1.0, 1.0]));
+    }
+
+    #[test]
+    fn an_image_of_another_unit_is_noticed_before_the_burn() {
+        use hrg_simulate::{Plan, Profile};
+        let run = |profile: &str, seed| Plan::of(Profile::parse(profile).expect("fine"), 5, seed).simulate().recording;
+        let train = run("cycle", 1);
+        let image =
+            hrg_identify::trace::trace(std::slice::from_ref(&train), &run("verify", 2)).expect("traced").baseline;
+        let limit = Limit { limit_dph: 1.0, from_c: -40.0, to_c: 60.0, means_s: 100 };
+        let mut now = run("20,4m", 2);
+        assert_eq!(corrects(&now, &image, &limit), Ok(()));
+        now.rate_dph[1].iter_mut().for_each(|v| *v += 4.0);
+        let e = corrects(&now, &image, &limit).expect_err("another").0;
+        assert!(e.contains("axis y: the image leaves") && e.contains("is it the unit that was recorded"), "{e}");
+        now.frequency_hz[1].iter_mut().for_each(|v| *v = f64::NAN);
+        assert!(corrects(&now, &image, &limit).expect_err("none").0.contains("no rates"));
     }
 
     #[test]

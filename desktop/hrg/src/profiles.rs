@@ -108,10 +108,10 @@ pub struct Designs {
     pub each: Vec<Designed>,
 }
 
-/// The largest of three axes; axes that are not there do not count.
+/// The largest of three axes; axes that are not there do not count. NaN where none is.
 #[must_use]
 pub fn largest(each: [f64; AXES]) -> f64 {
-    each.into_iter().filter(|v| v.is_finite()).fold(0.0, f64::max)
+    each.into_iter().filter(|v| v.is_finite()).fold(f64::NAN, f64::max)
 }
 
 /// A simulated unit, whose resonators stand for those of a family: how they follow a chamber.

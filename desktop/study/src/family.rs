@@ -100,7 +100,12 @@ fn one(family: &Family, file: &Path) -> Result<Row> {
     let (long, alone) = (traced(&train)?, traced(&short)?);
     let prepared = family.prepare(&short, Units::Same)?;
     let member = family.member(&prepared, [None; AXES])?;
-    let with = if member.belongs() { family.image(&member, &prepared, &mut Vec::new()) } else { alone.clone() };
+    // (As hrg trace --prior does with a unit that does not belong.)
+    let offered = || {
+        let options = trace::Options { family: Some(family.clone()), ..trace::Options::default() };
+        trace::trace_with(&short, &verify[0], &options).map(|t| t.image)
+    };
+    let with = if member.belongs() { family.image(&member, &prepared, &mut Vec::new()) } else { offered()? };
     let hours = |r: &[Recording]| r.iter().map(|r| r.time_s.len() as f64 / 3600.0).sum();
     Ok(Row {
         name: format!("{}-{}: {}", unit.name().0, unit.name().1, member.sentence(family)),
@@ -125,7 +130,7 @@ fn rows(family: &Family, folder: &Path) -> Result<Vec<Row>> {
 /// Files that cannot be read, or units that cannot be used.
 pub fn run(arguments: &Arguments) -> Result<String> {
     let mut s = String::new();
-    let _ = writeln!(s, "| family | new units | runs [h] | long, alone | short, alone | short, family | short with over long alone | with noise | squared error over stated variance | taken for its own |\n|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|");
+    let _ = writeln!(s, "| family | new units | runs [h] | long, alone | short, alone | short, family | short with over long alone | with noise | squared error over stated variance, x y z | taken for its own |\n|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|");
     let mut foreign = String::from("\n| family | units of another design | taken for its own | short, alone | short, offered the family | worst of them over alone |\n|---|---:|---:|---:|---:|---:|\n");
     for case in &arguments.cases {
         let parts: Vec<&str> = case.split(':').collect();
@@ -141,11 +146,14 @@ pub fn run(arguments: &Arguments) -> Result<String> {
         }
         let over = |rows: &[Row], f: &dyn Fn(&Row) -> f64, p: f64| quantile(&rows.iter().map(f).collect::<Vec<_>>(), p);
         let error = |k: usize| move |r: &Row| rms(r.images[k].error_dph);
-        let squared: Vec<f64> = own.iter().flat_map(|r| r.images[2].squared).filter(|v| v.is_finite()).collect();
+        let squared = [0, 1, 2].map(|a: usize| {
+            let each = own.iter().map(|r| r.images[2].squared[a]).filter(|v| v.is_finite());
+            format!("{:.2}", mean(&each.collect::<Vec<_>>()))
+        });
         let noisy = |r: &Row| rms(r.images[2].left_dph) / rms(r.images[0].left_dph);
         let _ = writeln!(
             s,
-            "| {}, {} units | {} | {:.1}, {:.1} | {:.3} | {:.3} | {:.3} | {:.2} ({:.2}) | {:.3} ({:.3}) | {:.2} | {} |",
+            "| {}, {} units | {} | {:.1}, {:.1} | {:.3} | {:.3} | {:.3} | {:.2} ({:.2}) | {:.3} ({:.3}) | {} | {} |",
             family.name,
             family.sources.len(),
             own.len(),
@@ -158,7 +166,7 @@ pub fn run(arguments: &Arguments) -> Result<String> {
             over(&own, &Row::ratio, 0.9),
             over(&own, &noisy, 0.5),
             over(&own, &noisy, 0.9),
-            mean(&squared),
+            squared.join(" "),
             own.iter().filter(|r| r.belongs).count(),
         );
         let worst = |r: &Row| rms(r.images[2].error_dph) / rms(r.images[1].error_dph);

@@ -3,7 +3,7 @@
 /// Rung `k` of `n` between `low` and `high`, evenly in the logarithm; `low` where there is nothing between.
 pub fn rung(low: f32, high: f32, k: usize, n: usize) -> f32 {
     let ratio = if high > low && low > 0.0 { high / low } else { 1.0 };
-    low * libm::powf(ratio, k as f32 / (n - 1) as f32)
+    low * libm::expf(libm::logf(ratio) * k as f32 / (n - 1) as f32)
 }
 
 /// Weights of `N` knots evenly over `low..high` at `x`: two neighbours share one; beyond the ends the last knot has it all, so

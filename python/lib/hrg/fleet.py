@@ -45,7 +45,7 @@ def run(
     folder, out = os.path.abspath(folder), os.path.abspath(out)
     family = None if family is None else os.path.abspath(family)
     wanted = None if limit is None else [float(v) for v in limit]
-    units = _hrg.fleet_units(folder)
+    units = _hrg.fleet_units(folder, out, family, wanted)
     rows = {unit: _hrg.fleet_kept(out, unit, family, wanted) for unit in units}
     left = [unit for unit, row in rows.items() if row is None]
     if left:

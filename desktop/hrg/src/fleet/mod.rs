@@ -29,7 +29,7 @@ use hrg_identify::fit;
 use hrg_identify::fit::independence::Units;
 use hrg_identify::trace;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Read as _;
 use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::path::{Path, PathBuf};
@@ -113,16 +113,36 @@ const RECORDINGS: [&str; 3] = [".csv", ".csv.gz", ".parquet"];
 /// The head of a recording has its unit's name within so many bytes.
 const HEAD: u64 = 1 << 16;
 
-/// The units of a folder and of the folders in it, by their names.
+/// The units of a folder and of the folders in it, by their names. Files whose names begin with a dot, and what a link leads to a second time, are no
+/// recordings. Paths are absolute.
 ///
 /// # Errors
-/// A folder that cannot be read, or holds no recording.
-pub fn units(folder: &Path) -> anyhow::Result<Vec<UnitFiles>> {
-    let (mut files, mut open) = (Vec::new(), vec![folder.to_path_buf()]);
+/// A folder that cannot be read, or holds no recording; `out` in it; a family or a limit that cannot be used.
+pub fn units(folder: &Path, out: &Path, wanted: &Wanted) -> anyhow::Result<Vec<UnitFiles>> {
+    wanted.judged_by().map_or(Ok(()), |l| l.check())?;
+    // (A family that is none is no reason of a unit.)
+    wanted.family.as_deref().map(read_family).transpose()?;
+    let unreadable = |at: &Path, e: std::io::Error| BadInput(format!("cannot read {}: {e}", at.display()));
+    let folder = &folder.canonicalize().map_err(|e| unreadable(folder, e))?;
+    let there =
+        out.ancestors().find_map(|at| if at.as_os_str().is_empty() { Path::new(".") } else { at }.canonicalize().ok());
+    if there.is_some_and(|at| at.starts_with(folder)) {
+        return Err(
+            BadInput(format!("--out {} lies in the folder that is read; give another place", out.display())).into()
+        );
+    }
+    let (mut files, mut open, mut seen) = (Vec::new(), vec![folder.clone()], BTreeSet::from([folder.clone()]));
     while let Some(at) = open.pop() {
-        let entries = std::fs::read_dir(&at).map_err(|e| BadInput(format!("cannot read {}: {e}", at.display())))?;
-        for entry in entries.flatten() {
-            let path = entry.path();
+        let entries = std::fs::read_dir(&at).map_err(|e| unreadable(&at, e))?;
+        // (Files before links to them.)
+        let mut paths: Vec<PathBuf> = entries.flatten().map(|e| e.path()).collect();
+        paths.sort_by_key(|p| (p.is_symlink(), p.clone()));
+        let hidden = |p: &PathBuf| p.file_name().is_some_and(|n| n.to_string_lossy().starts_with('.'));
+        for path in paths.into_iter().filter(|p| !hidden(p)) {
+            let real = path.canonicalize().unwrap_or_else(|_| path.clone());
+            if folder.starts_with(&real) || !seen.insert(real) {
+                continue;
+            }
             if path.is_dir() {
                 open.push(path);
             } else {
@@ -207,6 +227,15 @@ fn fill(out: &mut Row, files: &UnitFiles, wanted: &Wanted) -> anyhow::Result<()>
         }
     }
     anyhow::ensure!(!runs.is_empty(), "no recording that can be used");
+    let folders: BTreeSet<&Path> = files.runs.iter().filter_map(|p| p.parent()).collect();
+    if folders.len() > 1 {
+        let each: Vec<String> = folders.iter().map(|f| f.display().to_string()).collect();
+        let each = each.join(", ");
+        out.error = join(
+            &out.error,
+            &format!("its recordings lie in {each}: if these are two units, give each a name of its own"),
+        );
+    }
     out.put("hours", runs.iter().map(|r| r.time_s.len() as f64 * r.step_s()).sum::<f64>() / 3600.0);
     let figures = report::report(&runs)?;
     for axis in &figures.axes {

@@ -5,6 +5,7 @@ use hrg_data::axes::AXIS_NAMES;
 use hrg_data::numeric::stats::{median, quantile};
 use hrg_data::page::{boxed, folded, page, pictures, Tone};
 use hrg_data::plot::{escape, Panel, Series};
+use hrg_identify::trace::judge::DEVIATIONS;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 
@@ -171,7 +172,7 @@ pub(super) fn html(title: &str, rows: &[Row]) -> anyhow::Result<String> {
     let aged: Vec<&Row> = rows.iter().filter(|r| has_aged(r)).collect();
     if !aged.is_empty() {
         let units: Vec<String> = aged.iter().map(|r| escape(&r.unit)).collect();
-        s += &boxed(&format!("<b>Calibrations that have aged</b>: what is left of the last run is more than twice what is stated, on {}.", units.join(", ")), Tone::Bad);
+        s += &boxed(&format!("<b>Calibrations that have aged</b>: what is left of the last run is more than {DEVIATIONS} times what is stated, on {}. One unit of twenty may come out so by chance.", units.join(", ")), Tone::Bad);
     }
     let outliers = outliers(rows);
     s += "<h2>Outliers</h2>";
@@ -211,9 +212,9 @@ pub(super) fn html(title: &str, rows: &[Row]) -> anyhow::Result<String> {
     Ok(page(title, &s))
 }
 
-/// `true` where the calibration in use leaves more than twice what it states on an axis.
+/// `true` where the calibration in use leaves more than it states, on an axis, beyond what chance does on any of three.
 fn has_aged(r: &Row) -> bool {
-    AXIS_NAMES.iter().any(|a| r.figure(&format!("in_use_over_stated_{a}")).is_some_and(|v| v > 2.0))
+    AXIS_NAMES.iter().any(|a| r.figure(&format!("in_use_over_stated_{a}")).is_some_and(|v| v > DEVIATIONS))
 }
 
 fn units(rows: &[Row]) -> String {

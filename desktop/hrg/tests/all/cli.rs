@@ -488,3 +488,80 @@ fn soaks_curves_and_predicted_temperatures_end_in_images() {
     let e = refused(&d, &["fit", "run.csv", "--curve", "net.csv", "--out", "no.toml"]);
     assert!(e.contains("net.csv"), "{e}");
 }
+
+#[test]
+fn a_folder_of_hrg_calibrate_stays_that_of_its_unit_and_profile() {
+    let d = folder("calibrate-folder");
+    let run = |unit: &str, profile: &str| {
+        let o = hrg(
+            &d,
+            &[
+                "calibrate",
+                "--port",
+                "none",
+                "--profile",
+                profile,
+                "--limit",
+                "2",
+                "--from",
+                "0",
+                "--to",
+                "40",
+                "--folder",
+                "u",
+                "--unit",
+                unit,
+            ],
+        );
+        assert!(!o.status.success());
+        String::from_utf8_lossy(&o.stderr).into_owned()
+    };
+    assert!(run("HRG-1", "cycle").contains("none"), "there is no port");
+    let e = run("HRG-2", "cycle");
+    assert!(e.contains("--unit HRG-1, and now it is HRG-2"), "{e}");
+    let e = run("HRG-1", "20,1h");
+    assert!(e.contains("--profile cycle, and now it is 20,1h"), "{e}");
+    // A test that failed, or was torn, is made again.
+    for test in ["{\"verdict\": \"FAIL\"}", "{\"verd", "{\"verdict\": \"PASS\"}"] {
+        std::fs::write(d.join("u/test.json"), test).expect("written");
+        let o = hrg(
+            &d,
+            &[
+                "calibrate",
+                "--port",
+                "none",
+                "--profile",
+                "cycle",
+                "--limit",
+                "2",
+                "--from",
+                "0",
+                "--to",
+                "40",
+                "--folder",
+                "u",
+                "--unit",
+                "HRG-1",
+            ],
+        );
+        let printed = String::from_utf8_lossy(&o.stdout).contains("1. built-in test: done before");
+        assert_eq!(printed, test.contains("PASS"), "{test}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_fleet_looks_at_each_file_once_and_not_at_hidden_ones() {
+    let d = folder("fleet-links");
+    std::fs::create_dir_all(d.join("units/b")).expect("made");
+    ok(&d, &["simulate", "--profile", "20,40@2,10m", "--out", "units/a.csv"]);
+    std::fs::copy(d.join("units/a.csv"), d.join("units/.hidden.csv")).expect("copied");
+    std::os::unix::fs::symlink("..", d.join("units/b/up")).expect("linked");
+    std::os::unix::fs::symlink("../a.csv", d.join("units/b/again.csv")).expect("linked");
+    let printed = ok(&d, &["fleet", "units", "--out", "out"]);
+    assert!(printed.contains("1 units"), "{printed}");
+    for out in ["units/out", "units/b/up/out"] {
+        let o = hrg(&d, &["fleet", "units", "--out", out]);
+        assert!(String::from_utf8_lossy(&o.stderr).contains("lies in the folder that is read"), "{out}");
+    }
+}

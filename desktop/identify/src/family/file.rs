@@ -4,6 +4,7 @@ use super::population::Population;
 use super::{Family, OfAxis, States};
 use crate::thermometer::curve::DesignCurve;
 use hrg_core::bias::Scaling;
+use hrg_core::bytes;
 use hrg_core::effects::{EffectId, MAX_PARAMETERS};
 use hrg_core::visited::{Ranges, Visited, TEMPERATURES};
 use hrg_data::axes::AXIS_NAMES;
@@ -13,7 +14,10 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Version of the format.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
+
+/// In the place of the checksum while it is computed.
+const NO_CHECKSUM: &str = "00000000";
 
 /// A run that a family was learnt from.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -100,7 +104,11 @@ struct Head {
 struct File {
     #[serde(rename = "hrg-family")]
     version: u32,
+    /// CRC-32 of the file with zeros here, hexadecimal.
+    checksum: String,
     name: String,
+    /// The earth's rate was taken off the rates.
+    without_earth_rate: bool,
     temperatures_c: [f32; 2],
     ramps_c_per_min: [f32; 2],
     lag_s: f64,
@@ -110,6 +118,14 @@ struct File {
     effects: Vec<FamilyTerm>,
     axes: BTreeMap<String, AxisFacts>,
     sources: Vec<Source>,
+}
+
+impl File {
+    fn text(&self) -> Result<String, BadInput> {
+        serde_json::to_string_pretty(self)
+            .map(|text| text + "\n")
+            .map_err(|e| BadInput(format!("the family cannot be written: {e}")))
+    }
 }
 
 /// The fields of a [`Scaling`] in the file.
@@ -153,9 +169,11 @@ impl Family {
             };
             Some(((*name).to_string(), facts))
         });
-        let file = File {
+        let mut file = File {
             version: VERSION,
+            checksum: NO_CHECKSUM.into(),
             name: self.name.clone(),
+            without_earth_rate: self.without_earth_rate,
             temperatures_c: self.temperatures_c,
             ramps_c_per_min: self.ramps_c_per_min,
             lag_s: self.lag_s,
@@ -165,9 +183,8 @@ impl Family {
             axes: axes.collect(),
             sources: self.sources.clone(),
         };
-        serde_json::to_string_pretty(&file)
-            .map(|text| text + "\n")
-            .map_err(|e| BadInput(format!("the family cannot be written: {e}")))
+        file.checksum = format!("{:08x}", bytes::crc32(file.text()?.as_bytes()));
+        file.text()
     }
 
     /// Reads a family.
@@ -183,7 +200,13 @@ impl Family {
                 "the family has version {version}, this program reads {VERSION}; learn it again from its recordings (hrg family)"
             )));
         }
-        let file: File = serde_json::from_str(text).map_err(no_family)?;
+        let mut file: File = serde_json::from_str(text).map_err(no_family)?;
+        let stated = std::mem::replace(&mut file.checksum, NO_CHECKSUM.into());
+        if stated != format!("{:08x}", bytes::crc32(file.text()?.as_bytes())) {
+            return Err(BadInput::new(
+                "the family's numbers are not those that hrg family wrote: its checksum is another; learn it again from its recordings",
+            ));
+        }
         let unknown = file.effects.iter().flat_map(|t| &t.parts).find(|p| EffectId::by_name(&p.effect).is_none());
         if let Some(p) = unknown {
             return Err(BadInput(format!(
@@ -194,6 +217,7 @@ impl Family {
         let mut family = Self {
             name: file.name,
             sources: file.sources,
+            without_earth_rate: file.without_earth_rate,
             scaling: file.scaling,
             terms: file.effects,
             temperatures_c: file.temperatures_c,

@@ -385,6 +385,30 @@ mod tests {
         let other = [run("20,60@1,20m", 7, 93, 0.0)];
         let other = family.member(&family.prepare(&other, Units::Same).expect("usable"), [None; AXES]).expect("fitted");
         assert!(!other.belongs(), "{}", other.sentence(&family));
+        // Its trace is the one without the family.
+        let runs = [("cycle", 93), ("verify", 94)].map(|(profile, seed)| {
+            let mut r = run(profile, 7, seed, 0.0);
+            r.set_meta("unit", "HRG-93");
+            r
+        });
+        let options = |family| crate::trace::Options { family, ..crate::trace::Options::default() };
+        let [with, alone] = [Some(family.clone()), None]
+            .map(|family| crate::trace::trace_with(&runs[..1], &runs[1], &options(family)).expect("traced"));
+        assert!(with.report.prior.as_ref().is_some_and(|p| !p.belongs && !p.used));
+        assert!(with.report.notes.iter().any(|n| n.contains("NOT of the family")), "{:?}", with.report.notes);
+        assert_eq!(with.image, alone.image);
+        // Rates with the earth's rate in them are not compared with rates without.
+        let mut removed = short.clone();
+        removed
+            .iter_mut()
+            .for_each(|r| r.set_meta("earth_rate", if family.without_earth_rate { "included" } else { "removed" }));
+        removed.iter_mut().for_each(|r| r.earth_rate_dph = None);
+        let e = family.prepare(&removed, Units::Same).expect_err("refused").0;
+        assert!(e.contains("the earth's rate") && e.contains("--latitude"), "{e}");
+        // A number that was changed by hand is noticed.
+        let text = family.to_json().expect("text");
+        let changed = text.replacen(&format!("\"coarse_s\": {}", family.coarse_s), "\"coarse_s\": 1000000", 1);
+        assert!(text != changed && Family::from_json(&changed).expect_err("changed").0.contains("checksum"));
         assert!(Family::from_json("{}").expect_err("none").0.contains("hrg family"));
         let few = vec![vec![run("cycle", 1, 1, 0.0)]; 1];
         assert!(Family::learn("few", few).expect_err("too few").0.contains("needs 4 units"));
@@ -437,7 +461,7 @@ mod tests {
         let old = family
             .to_json()
             .expect("text")
-            .replace("\"hrg-family\": 2", "\"hrg-family\": 1")
+            .replace("\"hrg-family\": 3", "\"hrg-family\": 2")
             .replace("\"start\"", "\"begin\"");
         assert!(Family::from_json(&old).expect_err("old").0.contains("learn it again"));
     }

@@ -81,6 +81,8 @@ pub struct Family {
     pub name: String,
     /// The units that it was learnt from.
     pub sources: Vec<Source>,
+    /// The earth's rate was taken off the rates that it was learnt from, so it is not in the constants of its units.
+    pub without_earth_rate: bool,
     /// Centre and scale of its model.
     pub scaling: Scaling,
     /// Its effects.
@@ -197,6 +199,7 @@ impl Family {
     /// # Errors
     /// One sentence: too few units.
     pub fn learn(name: &str, units: Vec<Vec<Recording>>) -> Result<(Self, Vec<LeftOut>), BadInput> {
+        let without_earth_rate = alike(units.iter().flatten())?;
         let (mut there, mut left_out) = (Vec::new(), Vec::new());
         for unit in side_by_side::each(units, |u| ready(&u)) {
             match unit {
@@ -227,6 +230,7 @@ impl Family {
         let mut family = Self {
             name: name.to_string(),
             sources: there.iter().map(|r| Source { unit: r.unit.clone(), runs: r.runs.clone() }).collect(),
+            without_earth_rate,
             scaling: scaling((temperatures_c[0], temperatures_c[1]), fastest),
             terms: Vec::new(),
             temperatures_c,
@@ -283,8 +287,23 @@ impl Family {
     /// its own sensors.
     ///
     /// # Errors
-    /// As [`prepare_for`].
+    /// As [`prepare_for`]; rates with the earth's rate in them where the family's are without, or the other way: constants could not be compared.
     pub fn prepare(&self, recordings: &[Recording], units: Units) -> Result<Prepared, BadInput> {
+        let with = |without: bool| if without { "without" } else { "with" };
+        if let Some(r) = recordings.iter().find(|r| r.without_earth_rate() != self.without_earth_rate) {
+            return Err(BadInput(format!(
+                "the rates of the family {} are {} the earth's rate, those of {} {} it: {}",
+                self.name,
+                with(self.without_earth_rate),
+                if r.source.is_empty() { "this unit" } else { &r.source },
+                with(r.without_earth_rate()),
+                if self.without_earth_rate {
+                    "give --latitude and --axes"
+                } else {
+                    "leave --latitude and --axes out, or learn a family from recordings that state theirs"
+                }
+            )));
+        }
         let mut prepared =
             prepare_of_design(recordings, units, &self.axes.each_ref().map(|a| a.as_ref().and_then(|a| a.curve)))?;
         prepared.calibration.scaling = self.scaling;
@@ -451,6 +470,21 @@ fn shares(runs: &[&Told]) -> [f64; NOISE_MODELS.len()] {
         now = next.map(|n| n / (runs.len() as f64 + 1.0));
     }
     now
+}
+
+/// Whether the earth's rate was taken off all recordings.
+///
+/// # Errors
+/// It was taken off some.
+fn alike<'r>(recordings: impl Iterator<Item = &'r Recording>) -> Result<bool, BadInput> {
+    let (without, with): (Vec<&Recording>, Vec<&Recording>) = recordings.partition(|r| r.without_earth_rate());
+    match (without.first(), with.first()) {
+        (Some(a), Some(b)) => Err(BadInput(format!(
+            "the earth's rate was taken off {} and not off {}: their constants cannot be compared; state latitude and axes in all of them, or in none",
+            a.source, b.source
+        ))),
+        (without, _) => Ok(without.is_some()),
+    }
 }
 
 /// Axes that a unit has.

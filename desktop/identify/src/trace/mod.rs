@@ -138,7 +138,13 @@ pub fn trace(train: &[Recording], verify: &Recording) -> Result<Trace, BadInput>
 /// the baseline down.
 pub fn trace_with(train: &[Recording], verify: &Recording, options: &Options) -> Result<Trace, BadInput> {
     let (prepared, verify_run, judge_run) = ready(train, verify, options)?;
-    closed(train, verify, options, &prepared, &verify_run, judge_run.as_ref())
+    let traced = closed(train, verify, options, &prepared, &verify_run, judge_run.as_ref())?;
+    let Some(prior) = traced.report.prior.clone().filter(|p| !p.belongs) else { return Ok(traced) };
+    // A unit of another design has nothing of the family: neither its curves nor its scaling.
+    let mut alone = trace_with(train, verify, &Options { family: None, ..options.clone() })?;
+    alone.report.notes.push(prior.sentence.clone());
+    alone.report.prior = Some(prior);
+    Ok(alone)
 }
 
 /// The loop on recordings that may be used.

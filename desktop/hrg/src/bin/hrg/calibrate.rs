@@ -5,10 +5,11 @@ use crate::colour::painted;
 use crate::wait::with_a_bar;
 use anyhow::{Context, Result};
 use clap::Args;
-use hrg::judge::{judge, Limit, Verdict};
+use hrg::judge::{corrects, judge, Limit, Verdict};
 use hrg::profiles;
-use hrg::unit::port::Unit;
+use hrg::unit::port::{name_of, Unit};
 use hrg::unit::self_test;
+use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
 use hrg_data::image_file;
@@ -22,9 +23,10 @@ use hrg_identify::fit;
 use hrg_identify::fit::independence::Units;
 use hrg_identify::trace;
 use hrg_simulate::Profile;
+use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
 use std::io::{IsTerminal, Write as _};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Arguments of `hrg calibrate`.
 #[derive(Args)]
@@ -65,6 +67,19 @@ const LOOK_S: u64 = 600;
 /// Standard uncertainties within the limit: the largest error of a run is rarely beyond.
 const DEVIATIONS: f64 = 3.0;
 
+/// Rows below which a recording that stands alone is no run: nothing is fitted to less (a cable that was pulled, a unit that was off again at once).
+const SHORTEST: usize = 180;
+/// Seconds in which the unit on the port is looked at before the burn: less is no recording that can be used.
+const LOOK_BEFORE_BURN_S: u64 = 200;
+
+/// A day's own facts: what a folder was begun for.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+struct Begun {
+    unit: Option<String>,
+    profile: String,
+    verify_profile: String,
+}
+
 /// The folder of a unit, and the port that it is on.
 struct Day<'a> {
     arguments: &'a Arguments,
@@ -96,6 +111,7 @@ pub fn run(arguments: &Arguments) -> Result<bool> {
         })
         .transpose()?;
     let day = Day { arguments, limit, family };
+    day.is_the_one_that_was_begun()?;
     day.check()?;
     day.record("train", &train, true)?;
     day.record("verify", &verify, false)?;
@@ -111,9 +127,68 @@ impl Day<'_> {
         self.arguments.folder.join(name)
     }
 
+    /// Compares what the folder was begun for with this command, or writes it down.
+    fn is_the_one_that_was_begun(&self) -> Result<()> {
+        let Arguments { profile, verify_profile, recording, .. } = self.arguments;
+        let now =
+            Begun { unit: recording.unit.clone(), profile: profile.clone(), verify_profile: verify_profile.clone() };
+        let path = self.file("day.json");
+        let Ok(text) = std::fs::read(&path) else {
+            return write_file(&path, serde_json::to_string_pretty(&now)?.as_bytes());
+        };
+        let before: Begun = serde_json::from_slice(&text)
+            .map_err(|e| BadInput(format!("{}: {e}; remove it if the folder is of this unit", path.display())))?;
+        let name = |unit: &Option<String>| unit.clone().unwrap_or("none".into());
+        for (option, was, is) in [
+            ("--unit", name(&before.unit), name(&now.unit)),
+            ("--profile", before.profile.clone(), now.profile.clone()),
+            ("--verify-profile", before.verify_profile.clone(), now.verify_profile.clone()),
+        ] {
+            if was != is {
+                return Err(BadInput(format!(
+                    "{} was begun with {option} {was}, and now it is {is}: give the same, or another folder",
+                    self.arguments.folder.display()
+                ))
+                .into());
+            }
+        }
+        Ok(())
+    }
+
+    /// Tests that the unit on the port has the name that the recordings have, as far as both have one.
+    fn is_on_the_port(&self) -> Result<()> {
+        let identity = Unit::open(&self.arguments.port)?.identity()?;
+        let recorded = ["train", "verify"].into_iter().flat_map(|role| self.files(role)).find_map(|p| {
+            let text = std::fs::read_to_string(p).ok()?;
+            fact(&text, "# unit:").filter(|n| !hrg_data::recording::names::is_unnamed(n))
+        });
+        match (name_of(&identity), recorded) {
+            (Some(there), Some(recorded)) if there != recorded => Err(BadInput(format!(
+                "{}: the unit there is {there}, and the recordings in {} are of {recorded}: put that one on, or give another folder",
+                self.arguments.port,
+                self.arguments.folder.display()
+            ))
+            .into()),
+            _ => Ok(()),
+        }
+    }
+
+    /// `true` if a step has left what it has to leave.
+    fn is_done(&self, done: &str) -> bool {
+        let path = self.file(done);
+        let json = |name: &str| -> Option<serde_json::Value> {
+            serde_json::from_slice(&std::fs::read(self.file(name)).ok()?).ok()
+        };
+        match done {
+            "test.json" => json(done).is_some_and(|test| test["verdict"] == "PASS"),
+            "calibration.toml" => image_file::load(&path).is_ok() && json("trace.json").is_some(),
+            _ => path.exists(),
+        }
+    }
+
     /// Begins a step; `false` where it was done before.
     fn begins(&self, number: u32, what: &str, done: &str) -> bool {
-        let there = self.file(done).exists();
+        let there = self.is_done(done);
         println!("{number}. {what}{}", if there { ": done before" } else { "" });
         !there
     }
@@ -129,7 +204,7 @@ impl Day<'_> {
         println!("{}", painted(&report.table(false)));
         if report.verdict != "PASS" {
             return Err(BadInput(format!(
-                "{}: the unit does not pass its own test; repair that first",
+                "{}: the unit does not pass its own test: see what says FAIL above, and repair that first (where it is the time of an answer alone, this computer may have been busy: give the command again)",
                 self.arguments.port
             ))
             .into());
@@ -147,28 +222,42 @@ impl Day<'_> {
         self.names(role).take_while(|p| p.exists())
     }
 
-    /// The runs of a role. A recording that was stopped while the unit stayed on goes on in the next file: they are one run.
-    fn runs(&self, role: &str) -> Result<Vec<Recording>> {
-        let mut runs: Vec<String> = Vec::new();
+    /// The runs of a role as text. A recording that was stopped while the unit stayed on goes on in the next file: they are one run. A row that was
+    /// torn off, and a file without rows, count as nothing.
+    fn texts(&self, role: &str) -> Vec<(PathBuf, String)> {
+        let mut runs: Vec<(PathBuf, String)> = Vec::new();
         for path in self.files(role) {
-            let text = std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
-            match runs.last_mut().filter(|before| goes_on(before, &text)) {
-                Some(before) => *before += &rows_of(&text),
-                None => runs.push(text),
+            let Some(text) = whole_rows(&path) else { continue };
+            match runs.last_mut().filter(|(_, before)| goes_on(before, &text)) {
+                Some((_, before)) => *before += &rows_of(&text),
+                None => runs.push((path, text)),
             }
         }
-        let read = |text: &String| -> Result<Recording> {
-            let mut r = Recording::parse(text.as_bytes())?;
-            r.clean()?;
-            Ok(r)
-        };
-        runs.iter().map(read).collect()
+        runs
+    }
+
+    /// The runs of a role that are long enough.
+    fn runs(&self, role: &str) -> Result<Vec<Recording>> {
+        let mut out = Vec::new();
+        for (path, text) in self.texts(role) {
+            let rows = rows_of(&text).lines().count();
+            if rows < SHORTEST {
+                println!("   {}: {rows} rows alone are no run, they are left out", path.display());
+                continue;
+            }
+            let read = || -> Result<Recording, BadInput> {
+                let mut r = Recording::parse(text.as_bytes())?;
+                r.clean()?;
+                Ok(r)
+            };
+            out.push(read().map_err(|e| BadInput(format!("{}: {e}", path.display())))?);
+        }
+        Ok(out)
     }
 
     /// Rows of a role that are there already.
     fn rows(&self, role: &str) -> u64 {
-        let rows = |p: PathBuf| std::fs::read_to_string(p).map_or(0, |t| rows_of(&t).lines().count() as u64);
-        self.files(role).map(rows).sum()
+        self.texts(role).iter().map(|(_, text)| rows_of(text).lines().count() as u64).sum()
     }
 
     /// Records a run of the chamber. A recording that was stopped goes on in a further file.
@@ -177,17 +266,29 @@ impl Day<'_> {
         if !self.begins(number, &format!("the {role} run"), &done) {
             return Ok(());
         }
-        let (wanted, had) = (profile.temperatures().len() as u64, self.rows(role));
+        self.is_on_the_port()?;
+        let wanted = profile.temperatures().len() as u64;
+        let before = self.texts(role).pop().map(|(_, text)| text);
+        let had = before.as_ref().map_or(0, |text| rows_of(text).lines().count() as u64);
         println!(
             "   chamber: {profile} ({:.1} h{})",
             wanted as f64 / 3600.0,
             if had > 0 { format!(", {:.1} h of it are recorded", had as f64 / 3600.0) } else { String::new() }
         );
         let out = self.names(role).find(|p| !p.exists()).context("no free name")?;
+        // Rows of this run that lie in the files before; not known before the first row of this one.
+        let mut known: Option<u64> = before.is_none().then_some(0);
         let mut looked = had;
         let finished = record_until(&self.arguments.port, &out, &self.arguments.recording, |rows| {
-            let all = had + rows;
-            if all >= wanted {
+            if let (None, Some(before), Some(text)) = (known, &before, whole_rows(&out)) {
+                let same = goes_on(before, &text);
+                if !same {
+                    println!("   the unit was off in between: the profile begins anew, and so does the run");
+                }
+                known = Some(if same { had } else { 0 });
+            }
+            let all = known.unwrap_or(had) + rows;
+            if known.is_some() && all >= wanted {
                 return Ok(true);
             }
             if !may_end || self.family.is_none() || all < looked + LOOK_S {
@@ -212,11 +313,20 @@ impl Day<'_> {
         let Some((family, over)) = &self.family else { return Ok(false) };
         // (In its first minutes a run may hold too little for anything.)
         let Ok(prepared) = family.prepare(&self.runs(role)?, Units::Same) else { return Ok(false) };
+        match family.member(&prepared, [None; AXES]) {
+            Ok(member) if member.belongs() => {}
+            Ok(member) => {
+                println!("   {}", member.sentence(family));
+                return Ok(false);
+            }
+            Err(_) => return Ok(false),
+        }
         let longest = prepared.runs.iter().max_by_key(|r| r.steps.len());
         let expected = family.expected_dph(longest, over);
         let each: Vec<String> = AXIS_NAMES.iter().zip(expected).map(|(n, v)| format!("{n} {v:.3}")).collect();
         println!("   known to {} deg/h about the constant", each.join(", "));
-        let enough = DEVIATIONS * profiles::largest(expected) <= self.limit.limit_dph;
+        let largest = DEVIATIONS * profiles::largest(expected);
+        let enough = largest.is_finite() && largest <= self.limit.limit_dph;
         if enough {
             println!("   three of it are within the limit: the run may end");
         }
@@ -267,6 +377,7 @@ impl Day<'_> {
             println!("   not burnt: no image leaves less than the raw rates on the verify run");
             return Ok(false);
         }
+        self.looked_at()?;
         if !self.arguments.yes {
             if !std::io::stdin().is_terminal() {
                 println!("   not burnt: nobody is there to say yes; give --yes, or call the command in a terminal");
@@ -285,6 +396,28 @@ impl Day<'_> {
         burn(&BurnArguments::of(&self.file("calibration.toml"), &self.arguments.port, &self.arguments.recording))?;
         write_file(&self.file("burnt.done"), b"burnt, read back\n")?;
         Ok(true)
+    }
+
+    /// Looks at the unit on the port: the image must correct what it sends now.
+    fn looked_at(&self) -> Result<()> {
+        self.is_on_the_port()?;
+        let path = self.file("before-burn.csv");
+        let _ = std::fs::remove_file(&path);
+        println!("   looking at the unit on the port for {LOOK_BEFORE_BURN_S} s");
+        let looked =
+            record_until(
+                &self.arguments.port,
+                &path,
+                &self.arguments.recording,
+                |rows| Ok(rows >= LOOK_BEFORE_BURN_S),
+            )?;
+        if !looked {
+            return Err(BadInput::new("stopped before the burn; the same command goes on there").into());
+        }
+        let mut now = Recording::parse(whole_rows(&path).unwrap_or_default().as_bytes())?;
+        now.clean()?;
+        let here = |e: BadInput| BadInput(format!("{}: {e}", self.arguments.port));
+        Ok(corrects(&now, &image_file::load(&self.file("calibration.toml"))?, &self.limit).map_err(here)?)
     }
 
     /// One page for the file of the unit.
@@ -327,6 +460,18 @@ impl Day<'_> {
     }
 }
 
+/// The text of a recording up to its last whole row; `None` without a row.
+fn whole_rows(path: &Path) -> Option<String> {
+    let mut text = std::fs::read_to_string(path).ok()?;
+    text.truncate(text.rfind('\n')? + 1);
+    (!rows_of(&text).is_empty()).then_some(text)
+}
+
+/// A fact in the head of a recording's text.
+fn fact(text: &str, key: &str) -> Option<String> {
+    text.lines().find_map(|l| l.strip_prefix(key).map(|v| v.trim().to_string()))
+}
+
 /// The rows of a recording's text.
 fn rows_of(text: &str) -> String {
     let rows = text.lines().filter(|l| !l.starts_with('#')).skip(1);
@@ -336,7 +481,6 @@ fn rows_of(text: &str) -> String {
 /// `true` if a recording goes on where another one ended: the same columns of the same start, and later rows.
 fn goes_on(before: &str, next: &str) -> bool {
     let columns = |t: &str| t.lines().find(|l| !l.starts_with('#')).map(String::from);
-    let fact = |t: &str, key: &str| t.lines().find_map(|l| l.strip_prefix(key).map(|v| v.trim().to_string()));
     let time = |row: Option<&str>| row.and_then(|r| r.split(',').next()?.parse::<f64>().ok());
     let same = ["# unit:", "# power_on_unix_s:"].iter().all(|key| match (fact(before, key), fact(next, key)) {
         // (Two clocks of a start are a second apart at most.)

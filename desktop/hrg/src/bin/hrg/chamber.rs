@@ -51,7 +51,7 @@ fn interrupted() -> Result<Arc<AtomicBool>> {
 pub struct RecordArguments {
     /// Name of the unit, where it has none yet (or its log does not tell).
     #[arg(long)]
-    unit: Option<String>,
+    pub(crate) unit: Option<String>,
     #[command(flatten)]
     place: Place,
     /// Scale factor that makes the unit's rates, deg/h per code, where it cannot be read from the unit.

@@ -3,7 +3,6 @@
 use anyhow::Result;
 use clap::Args;
 use hrg::fleet::{self, Kept, Row, Wanted};
-use hrg_data::error::BadInput;
 use std::path::PathBuf;
 
 /// Arguments of `hrg fleet`.
@@ -36,15 +35,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let Arguments { folder, out, prior, limit, from, to } = arguments;
     let limit = limit.zip(from.zip(*to)).map(|(limit, (from, to))| [limit, from, to]);
     let wanted = Wanted { family: prior.clone(), limit };
-    wanted.judged_by().map_or(Ok(()), |l| l.check())?;
-    // (A family that is none is no reason of a unit.)
-    wanted.family.as_deref().map(fleet::read_family).transpose()?;
-    if out.starts_with(folder) {
-        return Err(
-            BadInput(format!("--out {} lies in the folder that is read; give another place", out.display())).into()
-        );
-    }
-    let units = fleet::units(folder)?;
+    let units = fleet::units(folder, out, &wanted)?;
     let kept = Kept::new(out)?;
     let bar = indicatif::ProgressBar::new(units.len() as u64);
     bar.set_style(indicatif::ProgressStyle::with_template("{bar:40} {pos} of {len} units, {eta} left")?);
@@ -54,7 +45,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         again.fetch_add(usize::from(was_kept), std::sync::atomic::Ordering::Relaxed);
     })?;
     bar.finish_and_clear();
-    let title = format!("Fleet {}", folder.file_name().unwrap_or_default().to_string_lossy());
+    let title = format!("Fleet {}", folder.canonicalize()?.file_name().unwrap_or_default().to_string_lossy());
     fleet::write(out, &title, &rows)?;
     say(&rows, again.into_inner());
     println!("{}: table; {}: page", out.join("fleet.parquet").display(), out.join("fleet.html").display());

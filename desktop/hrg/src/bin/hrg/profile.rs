@@ -8,6 +8,7 @@ use hrg_core::effects::EffectId;
 use hrg_data::cards::parted;
 use hrg_data::error::BadInput;
 use hrg_data::load::load_recording;
+use hrg_identify::family::Family;
 use hrg_identify::trace::separable;
 use hrg_simulate::{Leg, Profile, PROFILES};
 use std::path::{Path, PathBuf};
@@ -108,6 +109,39 @@ pub fn run(arguments: Arguments) -> Result<()> {
     Ok(())
 }
 
+/// Longest run that is designed, h.
+const MOST_HOURS: f64 = 48.0;
+/// Fastest ramp of a chamber, C per minute.
+const FASTEST_CHAMBER_C_PER_MIN: f64 = 30.0;
+
+/// Tests what is wanted of a run for a family.
+fn wanted_of(family: &Family, wanted: &profiles::Wanted) -> Result<(), BadInput> {
+    let [low, high] = family.temperatures_c.map(f64::from);
+    let [from, to] = wanted.temperatures_c;
+    let known = low - 5.0..=high + 5.0;
+    let at = |option: &str, wants: String| Err(BadInput(format!("{option}: {wants}")));
+    if !(known.contains(&from) && known.contains(&to) && to - from >= 10.0) {
+        let name = &family.name;
+        return at(
+            "--from, --to",
+            format!("at least 10 C within {low:.0} to {high:.0} C, where the family {name} was learnt"),
+        );
+    }
+    if !known.contains(&wanted.start_c) {
+        return at("--start", format!("a temperature within {low:.0} to {high:.0} C, where the family was learnt"));
+    }
+    if !(wanted.limit_dph > 0.0 && wanted.limit_dph.is_finite()) {
+        return at("--limit", "deg/h, above zero".into());
+    }
+    if !(0.5..=MOST_HOURS).contains(&wanted.most_hours) {
+        return at("--hours", format!("0.5 to {MOST_HOURS} h"));
+    }
+    if !(wanted.fastest_c_per_min > 0.0 && wanted.fastest_c_per_min <= FASTEST_CHAMBER_C_PER_MIN) {
+        return at("--ramp", format!("above zero, and {FASTEST_CHAMBER_C_PER_MIN} C per minute at the most"));
+    }
+    Ok(())
+}
+
 /// `hrg profile --prior`: the run for the next unit of a family.
 fn designed(prior: &Path, arguments: &Arguments) -> Result<()> {
     let family = hrg::fleet::read_family(prior)?;
@@ -119,16 +153,7 @@ fn designed(prior: &Path, arguments: &Arguments) -> Result<()> {
         limit_dph: arguments.limit,
         most_hours: arguments.hours,
     };
-    let [from, to] = wanted.temperatures_c;
-    let inside =
-        (low - 5.0..=high + 5.0).contains(&from) && (low - 5.0..=high + 5.0).contains(&to) && to - from >= 10.0;
-    if !(inside && arguments.limit > 0.0 && arguments.hours > 0.0 && arguments.ramp > 0.0) {
-        return Err(BadInput(format!(
-            "--from, --to: at least 10 C within {low:.0} to {high:.0} C, where the family {} was learnt; --limit, --ramp and --hours are positive",
-            family.name
-        ))
-        .into());
-    }
+    wanted_of(&family, &wanted)?;
     let found = with_a_bar("designing the run", || profiles::design(&family, &wanted))?;
     let each = |v: [f64; 3]| v.map(|v| format!("{v:>8.3}")).join("");
     println!("expected uncertainty of the bias about its constant, deg/h, of the best run of each duration");
