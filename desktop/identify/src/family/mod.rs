@@ -472,7 +472,7 @@ fn shares(runs: &[&Told]) -> [f64; NOISE_MODELS.len()] {
     now
 }
 
-/// Whether the earth's rate was taken off all recordings.
+/// `true` if the earth's rate was taken off all recordings, `false` if off none.
 ///
 /// # Errors
 /// It was taken off some.

@@ -269,6 +269,12 @@ pub fn write(r: &mut Report, there: &[&str]) {
 #[must_use]
 pub fn verdict(r: &Report) -> String {
     let mut lines = vec![burn(r), why(r), left(r), next(r)];
+    if let Some(prior) = r.prior.as_ref().filter(|p| p.used) {
+        lines.push(format!(
+            "The image is that of the unit under the family {}. The effects above are those that the trace finds in its runs alone.",
+            prior.family
+        ));
+    }
     let own: Vec<&str> = r.effects.iter().filter(|e| e.class == Class::Own).map(|e| e.name.as_str()).collect();
     if !own.is_empty() {
         let (are, them) = if own.len() == 1 { ("is", "it") } else { ("are", "them") };

@@ -54,6 +54,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         family.ramps_c_per_min[0],
         family.ramps_c_per_min[1]
     );
+    let of = family.sources.len() as f64;
+    println!("the spreads between {of} units are known to {:.0} % of themselves", 100.0 / (2.0 * (of - 1.0)).sqrt());
     if let Some(longest) = longest {
         print_parts(&family, &longest)?;
     }
