@@ -13,7 +13,7 @@
 //! The same holds after a thermometer was lost for longer than [`HOLD_S`]: meanwhile the copies run with the coldest and the hottest
 //! temperature that it may have by then, for its own axis and for each that looks at it.
 //!
-//! What settles after power-on begins with this power-on, at the temperature that the unit has then, or it was over long ago. A unit that
+//! A settling after power-on begins with this power-on, at the temperature that the unit has then, or it was over long ago. A unit that
 //! was off for so short a time that an older settling goes on is neither; it is flagged as long as its own would take.
 //!
 //! A reset that leaves the memory alone does not end a past: [`crate::compensator::Compensator::keep`] writes all states into words

@@ -15,7 +15,7 @@ fn one_command_calibrates_a_unit_and_goes_on_where_it_was_stopped() {
     let d = folder("production");
     let run = "calibrate --port link --profile 20,35m --verify-profile 21,35m --limit 100 --from 8 --to 18 --folder unit --unit HRG-042 \
                --latitude 28.2 --axes x=north_y=east_z=down --yes";
-    power_for(&steps(85, 0.5), &d, 30.0, || {
+    power_for(&steps(100, 0.5), &d, 30.0, || {
         // A third of the train run, then Ctrl-C.
         let mut first = command(&d, run).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("starts");
         let rows = |name: &str| {

@@ -202,7 +202,8 @@ impl Recording {
         let Some(first) = moving.first() else { return };
         let seconds: f64 = moving.iter().map(|rows| rows.len() as f64 * step_s).sum();
         self.notes.push(format!(
-            "the unit moves in {seconds:.0} s, the first at {:.0} s: the rates of these stretches are left out",
+            "the unit moves in {seconds:.0} s of {:.0} s, the first at {:.0} s: the rates of these stretches are left out",
+            self.time_s.len() as f64 * step_s,
             self.time_s[first.start]
         ));
         for f in found.iter_mut().filter(|f| (AXES..2 * AXES).contains(&f.place)) {

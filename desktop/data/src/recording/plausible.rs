@@ -7,7 +7,7 @@ use super::thermometer::Thermometer;
 use super::{columns, Recording};
 use crate::axes::AXIS_NAMES;
 use crate::error::BadInput;
-use crate::numeric::stats::{mean, median, quantile};
+use crate::numeric::stats::{dot, mean, median, quantile};
 use hrg_core::AXES;
 use std::ops::Range;
 
@@ -24,6 +24,9 @@ const MOST_SCATTER_DPH: f64 = 1000.0;
 const MOST_RATIO: f64 = 20.0;
 /// Scatter below which nothing is a movement, deg/h: a hand or a ship turns faster, and warming gyros drift less in seconds.
 const LEAST_MOVEMENT_DPH: f64 = 30.0;
+/// Angle between gravity in a stretch and gravity in most of them, beyond which the unit is held another way, degrees: accelerometers of flight
+/// controllers drift by up to 60 mg over temperature (data sheet of the MPU-6050), which is 3.4 degrees.
+const MOST_TILT_DEG: f64 = 5.0;
 /// Share by which the length of three constants may differ from the earth's rate and still look like it: constants change from day to day.
 const LIKE_THE_EARTH: f64 = 0.05;
 /// Rows that a finding needs.
@@ -153,11 +156,31 @@ impl Recording {
             let most = LEAST_MOVEMENT_DPH.max(MOST_RATIO * usual);
             moving.iter_mut().zip(scatters).for_each(|(m, s)| *m |= s.is_some_and(|s| s > most));
         }
+        moving.iter_mut().zip(self.tilted(length)).for_each(|(m, tilted)| *m |= tilted);
         if 2 * moving.iter().filter(|m| **m).count() > moving.len() {
             return Vec::new();
         }
         let ends = |k: usize| if k + 1 == moving.len() { self.time_s.len() } else { (k + 1) * length };
         (0..moving.len()).filter(|k| moving[*k]).map(|k| k * length..ends(k)).collect()
+    }
+
+    /// For each stretch of so many rows: is the unit held another way than in most of them, by gravity? Nothing without three accelerometers.
+    fn tilted(&self, length: usize) -> Vec<bool> {
+        let [x, y, z] = [0, 1, 2].map(|a| self.column(columns::FORCE.name(a)));
+        let (Some(x), Some(y), Some(z), false) = (x, y, z, self.positioned()) else { return Vec::new() };
+        let finite = |f: &[f64]| mean(&f.iter().copied().filter(|v| v.is_finite()).collect::<Vec<_>>());
+        let each = [x, y, z].map(|f| f.chunks_exact(length).map(finite).collect::<Vec<f64>>());
+        let usual =
+            each.each_ref().map(|f| median(&mut f.iter().copied().filter(|v| v.is_finite()).collect::<Vec<_>>()));
+        let [Some(x), Some(y), Some(z)] = usual else { return Vec::new() };
+        let usual = [x, y, z];
+        let least = MOST_TILT_DEG.to_radians().cos();
+        let angle = |k: usize| {
+            let now = each.each_ref().map(|f| f[k]);
+            dot(&now, &usual) / (dot(&now, &now) * dot(&usual, &usual)).sqrt()
+        };
+        // (Not a number where a stretch has no force: nothing is known of it.)
+        (0..each[0].len()).map(|k| angle(k) < least).collect()
     }
 
     /// Sign of a movement on an axis.
@@ -372,12 +395,38 @@ mod tests {
     }
 
     #[test]
+    fn stretches_in_which_gravity_lies_another_way_are_left_out() {
+        let tilted = |angle: fn(f64) -> f64| {
+            let mut r = recording(&[], 20.0, |_, _| 0.0);
+            let forces = |f: &dyn Fn(f64) -> f64| r.time_s.iter().map(|t| f(*t)).collect::<Vec<f64>>();
+            let columns = [forces(&|t| 9.81 * angle(t).sin()), forces(&|_| 0.05), forces(&|t| 9.81 * angle(t).cos())];
+            r.optional.extend(columns::FORCE.names.iter().copied().zip(columns));
+            r
+        };
+        let mut r = tilted(|t| if (256.0..384.0).contains(&t) { 12f64.to_radians() } else { 0.0 });
+        r.clean().expect("fine");
+        assert!(
+            r.notes.iter().any(|n| n.contains("the unit moves in 128 s of 600 s, the first at 256 s")),
+            "{:?}",
+            r.notes
+        );
+        // An accelerometer's own drift is none.
+        let mut r = tilted(|t| 3f64.to_radians() * t / 600.0);
+        r.clean().expect("fine");
+        assert!(r.notes.is_empty(), "{:?}", r.notes);
+    }
+
+    #[test]
     fn stretches_in_which_the_unit_moves_are_left_out() {
         let moved = |t: f64| (200.0..300.0).contains(&t);
         let mut r = recording(&[], 20.0, |_, t| if moved(t) { 5000.0 * (0.8 * t).sin() } else { 0.0 });
         let before = r.clone();
         let original = r.clean_keeping().expect("fine");
-        assert!(r.notes.iter().any(|n| n.contains("the unit moves in 128 s, the first at 192 s")), "{:?}", r.notes);
+        assert!(
+            r.notes.iter().any(|n| n.contains("the unit moves in 128 s of 600 s, the first at 192 s")),
+            "{:?}",
+            r.notes
+        );
         let gone = |t: f64| (192.0..320.0).contains(&t);
         assert!(r.time_s.iter().zip(&r.rate_dph[1]).all(|(t, v)| v.is_nan() == gone(*t)));
         assert!(original.of(&r).rate_dph == before.rate_dph && r.rests().is_ok());

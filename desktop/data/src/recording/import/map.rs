@@ -5,6 +5,7 @@ use crate::error::BadInput;
 use crate::recording::columns;
 use crate::recording::metadata::DPH_PER_RAD_S;
 use crate::recording::time_form::{TimeForm, FORMS};
+use hrg_core::accelerometers::STANDARD_GRAVITY_MPS2;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
@@ -219,6 +220,9 @@ fn units(quantity: &str) -> &'static [(&'static str, Conversion)] {
             &[("C", (1.0, 0.0)), ("K", (1.0, -273.15)), ("mC", (1e-3, 0.0)), ("F", (5.0 / 9.0, -160.0 / 9.0))]
         }
         "frequency" => &[("Hz", (1.0, 0.0)), ("kHz", (1e3, 0.0)), ("MHz", (1e6, 0.0))],
+        "specific force" => {
+            &[("m/s^2", (1.0, 0.0)), ("g", (STANDARD_GRAVITY_MPS2, 0.0)), ("mg", (1e-3 * STANDARD_GRAVITY_MPS2, 0.0))]
+        }
         _ => &[("V", (1.0, 0.0)), ("mV", (1e-3, 0.0))],
     }
 }
@@ -326,11 +330,12 @@ impl Map {
         self.table.topic.as_ref().map_or_else(Vec::new, Names::all)
     }
 
-    /// The map for a file that may lack thermometers: without those.
+    /// The map for a file that may lack thermometers and accelerometers: without those.
     #[must_use]
     pub fn without_missing(&self, has: impl Fn(&Names) -> bool) -> Self {
         let mut map = self.clone();
         map.temperature.retain(|_, c| !c.may_be_missing || has(&c.column));
+        map.optional.retain(|_, c| !c.may_be_missing || has(&c.column));
         map
     }
 
@@ -358,6 +363,7 @@ impl Map {
 pub fn quantity_of(name: &str) -> &'static str {
     match columns::find(name) {
         Some((column, _)) if column.unit == "C" => "temperature",
+        Some((column, _)) if column.unit == "m/s^2" => "specific force",
         _ => "voltage",
     }
 }

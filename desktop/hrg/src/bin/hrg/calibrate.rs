@@ -58,6 +58,9 @@ pub struct Arguments {
     /// Burn without asking, where the judge says PASS and the image leaves less than the raw rates.
     #[arg(long)]
     yes: bool,
+    /// Private key (hrg unit keygen), for a unit that takes signed calibrations only.
+    #[arg(long, value_name = "FILE")]
+    key: Option<PathBuf>,
     #[command(flatten)]
     recording: RecordArguments,
 }
@@ -393,7 +396,10 @@ impl Day<'_> {
                 return Ok(false);
             }
         }
-        burn(&BurnArguments::of(&self.file("calibration.toml"), &self.arguments.port, &self.arguments.recording))?;
+        let mut arguments =
+            BurnArguments::of(&self.file("calibration.toml"), &self.arguments.port, &self.arguments.recording);
+        arguments.key.clone_from(&self.arguments.key);
+        burn(&arguments)?;
         write_file(&self.file("burnt.done"), b"burnt, read back\n")?;
         Ok(true)
     }
@@ -443,12 +449,14 @@ impl Day<'_> {
         );
         let _ = write!(s, "<table><tr><th>step<th class=left>result");
         let rows = |role: &str| format!("{:.1} h", self.rows(role) as f64 / 3600.0);
+        let image = image_file::load(&self.file("calibration.toml"))?;
         for (step, result) in [
             ("built-in test", word(&test["verdict"])),
             ("train run", format!("{}, profile {}", rows("train"), escape(&a.profile))),
             ("verify run", format!("{}, profile {}", rows("verify"), escape(&a.verify_profile))),
             ("trace", word(&traced["verdict"])),
             ("judge", verdict),
+            ("image", format!("number {}, checksum {:08x}", image.sequence, image.checksum())),
         ] {
             let _ = write!(s, "<tr><td>{step}<td class=left>{result}");
         }
@@ -478,17 +486,42 @@ fn rows_of(text: &str) -> String {
     rows.map(|l| format!("{l}\n")).collect()
 }
 
-/// `true` if a recording goes on where another one ended: the same columns of the same start, and later rows.
+/// `true` if a recording goes on where another one ended: the same columns of the same unit, later rows, and no power-on in between. The clock of the
+/// host need not go as fast as the unit's (a board that is sped up): a later power-on is later by all that the first recording holds.
 fn goes_on(before: &str, next: &str) -> bool {
     let columns = |t: &str| t.lines().find(|l| !l.starts_with('#')).map(String::from);
     let time = |row: Option<&str>| row.and_then(|r| r.split(',').next()?.parse::<f64>().ok());
-    let same = ["# unit:", "# power_on_unix_s:"].iter().all(|key| match (fact(before, key), fact(next, key)) {
-        // (Two clocks of a start are a second apart at most.)
-        (Some(a), Some(b)) => {
-            a == b || a.parse::<f64>().ok().zip(b.parse::<f64>().ok()).is_some_and(|(a, b)| (a - b).abs() < 5.0)
-        }
-        (a, b) => a == b,
-    });
     let first = rows_of(next);
-    same && columns(before) == columns(next) && time(before.lines().last()) < time(first.lines().next())
+    let (Some(last), Some(then)) = (time(before.lines().last()), time(first.lines().next())) else { return false };
+    let power_on = |t: &str| fact(t, "# power_on_unix_s:").and_then(|v| v.parse::<f64>().ok());
+    let stayed_on = power_on(before).zip(power_on(next)).is_none_or(|(a, b)| b - a < 0.5 * last);
+    let same = columns(before) == columns(next) && fact(before, "# unit:") == fact(next, "# unit:");
+    same && stayed_on && last < then
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_recording_goes_on_unless_the_unit_was_off() {
+        let part = |power_on: f64, unit: &str, times: [u32; 2]| {
+            format!(
+                "# unit: {unit}\n# power_on_unix_s: {power_on}\ntime_s,fx_hz\n{},4900\n{},4900\n",
+                times[0], times[1]
+            )
+        };
+        let before = part(1000.0, "HRG-1", [1, 700]);
+        for (next, same) in [
+            (part(1000.8, "HRG-1", [702, 900]), true),
+            // A board that is thirty times as fast: the host counts fewer seconds than the unit.
+            (part(400.0, "HRG-1", [702, 900]), true),
+            // Off for a moment, and on for longer than before.
+            (part(1720.0, "HRG-1", [750, 900]), false),
+            (part(1720.0, "HRG-1", [1, 900]), false),
+            (part(1000.8, "HRG-2", [702, 900]), false),
+        ] {
+            assert_eq!(goes_on(&before, &next), same, "{next}");
+        }
+    }
 }

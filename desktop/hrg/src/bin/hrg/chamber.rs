@@ -334,7 +334,7 @@ pub struct BurnArguments {
     new_scale_factor: bool,
     /// The key that signs the image (hrg unit keygen), for a unit whose firmware wants it.
     #[arg(long)]
-    key: Option<PathBuf>,
+    pub(crate) key: Option<PathBuf>,
 }
 
 impl BurnArguments {
