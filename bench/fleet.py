@@ -91,7 +91,7 @@ def written(folder):
     """Seconds that table and page of many units take, and their sizes, MB."""
     from hrg import _hrg
 
-    rows = [json.loads(row) for row in (_hrg.fleet_kept(str(AT / "out-dask"), unit, None, list(LIMIT)) for unit in _hrg.fleet_units(str(folder))) if row]
+    rows = [json.loads(row) for row in (_hrg.fleet_kept(str(AT / "out-dask"), unit, None, list(LIMIT)) for unit in _hrg.fleet_units(str(folder), str(AT / "out-dask"), None, list(LIMIT))) if row]
     if not rows:
         sys.exit("no row of the run before was kept")
     many = [json.dumps({**rows[k % len(rows)], "unit": f"U{k:05d}"}) for k in range(MANY)]
