@@ -493,58 +493,25 @@ fn soaks_curves_and_predicted_temperatures_end_in_images() {
 fn a_folder_of_hrg_calibrate_stays_that_of_its_unit_and_profile() {
     let d = folder("calibrate-folder");
     let run = |unit: &str, profile: &str| {
-        let o = hrg(
-            &d,
-            &[
-                "calibrate",
-                "--port",
-                "none",
-                "--profile",
-                profile,
-                "--limit",
-                "2",
-                "--from",
-                "0",
-                "--to",
-                "40",
-                "--folder",
-                "u",
-                "--unit",
-                unit,
-            ],
-        );
+        let wanted = "calibrate --port none --limit 2 --from 0 --to 40 --folder u --unit";
+        let o = hrg(&d, &wanted.split(' ').chain([unit, "--profile", profile]).collect::<Vec<_>>());
         assert!(!o.status.success());
-        String::from_utf8_lossy(&o.stderr).into_owned()
+        [o.stdout, o.stderr].map(|text| String::from_utf8_lossy(&text).into_owned())
     };
-    assert!(run("HRG-1", "cycle").contains("none"), "there is no port");
-    let e = run("HRG-2", "cycle");
+    let refusal = |unit, profile| {
+        let [_, e] = run(unit, profile);
+        e
+    };
+    assert!(refusal("HRG-1", "cycle").contains("none"), "there is no port");
+    let e = refusal("HRG-2", "cycle");
     assert!(e.contains("--unit HRG-1, and now it is HRG-2"), "{e}");
-    let e = run("HRG-1", "20,1h");
+    let e = refusal("HRG-1", "20,1h");
     assert!(e.contains("--profile cycle, and now it is 20,1h"), "{e}");
     // A test that failed, or was torn, is made again.
     for test in ["{\"verdict\": \"FAIL\"}", "{\"verd", "{\"verdict\": \"PASS\"}"] {
         std::fs::write(d.join("u/test.json"), test).expect("written");
-        let o = hrg(
-            &d,
-            &[
-                "calibrate",
-                "--port",
-                "none",
-                "--profile",
-                "cycle",
-                "--limit",
-                "2",
-                "--from",
-                "0",
-                "--to",
-                "40",
-                "--folder",
-                "u",
-                "--unit",
-                "HRG-1",
-            ],
-        );
-        let printed = String::from_utf8_lossy(&o.stdout).contains("1. built-in test: done before");
+        let [printed, _] = run("HRG-1", "cycle");
+        let printed = printed.contains("1. built-in test: done before");
         assert_eq!(printed, test.contains("PASS"), "{test}");
     }
 }

@@ -396,10 +396,8 @@ impl Day<'_> {
                 return Ok(false);
             }
         }
-        let mut arguments =
-            BurnArguments::of(&self.file("calibration.toml"), &self.arguments.port, &self.arguments.recording);
-        arguments.key.clone_from(&self.arguments.key);
-        burn(&arguments)?;
+        let Arguments { port, recording, key, .. } = self.arguments;
+        burn(&BurnArguments::of(&self.file("calibration.toml"), port, recording, key.as_deref()))?;
         write_file(&self.file("burnt.done"), b"burnt, read back\n")?;
         Ok(true)
     }

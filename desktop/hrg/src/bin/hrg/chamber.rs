@@ -334,14 +334,15 @@ pub struct BurnArguments {
     new_scale_factor: bool,
     /// The key that signs the image (hrg unit keygen), for a unit whose firmware wants it.
     #[arg(long)]
-    pub(crate) key: Option<PathBuf>,
+    key: Option<PathBuf>,
 }
 
 impl BurnArguments {
-    /// A calibration for the unit that was recorded with these facts.
-    pub fn of(calibration: &Path, port: &str, recorded: &RecordArguments) -> Self {
+    /// A calibration for the unit that was recorded with these facts, signed where there is a key.
+    pub fn of(calibration: &Path, port: &str, recorded: &RecordArguments, key: Option<&Path>) -> Self {
         let (calibration, port) = (calibration.to_path_buf(), port.to_string());
-        Self { calibration, port, unit: recorded.unit.clone(), new_scale_factor: false, key: None }
+        let key = key.map(Path::to_path_buf);
+        Self { calibration, port, unit: recorded.unit.clone(), new_scale_factor: false, key }
     }
 }
 
