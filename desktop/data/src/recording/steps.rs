@@ -48,6 +48,8 @@ pub struct Steps {
     pub unit_inputs: QuantitySet,
 }
 
+/// Model steps below which a recording says nothing: three minutes.
+pub const SHORTEST: usize = 180;
 /// Seconds of a mean: the field's figure is three sigma of 100 s means.
 pub const MEAN_S: usize = 100;
 
@@ -69,7 +71,7 @@ impl Steps {
             let to = (from + BRIDGE_S as usize).min(steps.len());
             steps.rate_dph.iter_mut().for_each(|rates| rates[from.min(to)..to].fill(f64::NAN));
         }
-        if steps.len() < 180 {
+        if steps.len() < SHORTEST {
             return Err(BadInput::new(format!(
                 "the recording lasts {} s; a fit needs three minutes at the least, and soaks and ramps of hours",
                 steps.len() - 1

@@ -16,6 +16,7 @@ use hrg_data::image_file;
 use hrg_data::output::write_file;
 use hrg_data::page::{boxed, page, Tone};
 use hrg_data::plot::escape;
+use hrg_data::recording::steps::SHORTEST;
 use hrg_data::recording::Recording;
 use hrg_identify::family::design::Over;
 use hrg_identify::family::Family;
@@ -70,8 +71,6 @@ const LOOK_S: u64 = 600;
 /// Standard uncertainties within the limit: the largest error of a run is rarely beyond.
 const DEVIATIONS: f64 = 3.0;
 
-/// Rows below which a recording that stands alone is no run: nothing is fitted to less (a cable that was pulled, a unit that was off again at once).
-const SHORTEST: usize = 180;
 /// Seconds in which the unit on the port is looked at before the burn: less is no recording that can be used.
 const LOOK_BEFORE_BURN_S: u64 = 200;
 
@@ -244,6 +243,7 @@ impl Day<'_> {
         let mut out = Vec::new();
         for (path, text) in self.texts(role) {
             let rows = rows_of(&text).lines().count();
+            // (A cable that was pulled, a unit that was off again at once.)
             if rows < SHORTEST {
                 println!("   {}: {rows} rows alone are no run, they are left out", path.display());
                 continue;
