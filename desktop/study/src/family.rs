@@ -43,7 +43,7 @@ const SETTLES: u16 = 1 << 7;
 struct OnJudge {
     /// Standard deviation of the error, noise left out, deg/h; NaN for an axis that is not there.
     error_dph: [f64; AXES],
-    /// Mean squared error over mean stated variance, constant included, where nothing is flagged.
+    /// Squared error over stated variance, mean of the means of 100 s, constant included, where nothing is flagged.
     squared: [f64; AXES],
     /// The figure that a user measures: standard deviation of the corrected rates' means, noise included.
     left_dph: [f64; AXES],
@@ -62,9 +62,8 @@ impl OnJudge {
             let both = means(&bias).into_iter().zip(means(&variance)).zip(&truth[a]).skip(SETTLING);
             let each: Vec<(f64, f64)> = both.map(|((b, v), t)| (b - t, v)).filter(|e| e.0.is_finite()).collect();
             out.error_dph[a] = std_dev(&each.iter().map(|e| e.0).collect::<Vec<_>>());
-            let clean: Vec<&(f64, f64)> = each.iter().filter(|e| e.1.is_finite()).collect();
-            let sum = |of: fn(&(f64, f64)) -> f64| clean.iter().map(|e| of(e)).sum::<f64>();
-            out.squared[a] = sum(|e| e.0 * e.0) / sum(|e| e.1);
+            let over: Vec<f64> = each.iter().map(|(e, v)| e * e / v).filter(|z| z.is_finite()).collect();
+            out.squared[a] = mean(&over);
             out.left_dph[a] = std_dev(&means(&left[a]).into_iter().skip(SETTLING).collect::<Vec<_>>());
         }
         out

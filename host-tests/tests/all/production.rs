@@ -4,7 +4,7 @@
 
 use crate::day::{command, folder, power_for, steps, warmer_c};
 use hrg_data::recording::Recording;
-use hrg_identify::family::Family;
+use hrg_identify::family::{Family, Learnt};
 use hrg_simulate::{Plan, Profile};
 use std::process::Stdio;
 use std::time::Duration;
@@ -70,7 +70,7 @@ fn with_a_family_the_train_run_ends_when_enough_is_known() {
     let d = folder("production-family");
     let slopes = [0.4, 0.45, 0.5, 0.55, 0.6, 0.48];
     let units = (11..).zip(slopes).map(|(seed, slope)| vec![recorded(seed, slope)]).collect();
-    let (family, left_out) = Family::learn("served", units).expect("a family");
+    let Learnt { family, left_out, .. } = Family::learn("served", units).expect("a family");
     assert!(left_out.is_empty(), "{left_out:?}");
     std::fs::write(d.join("family.json"), family.to_json().expect("text")).expect("written");
     let run = "calibrate --port link --profile 20,35m --verify-profile 21,35m --limit 100 --from 8 --to 18 --folder unit --unit HRG-042 \

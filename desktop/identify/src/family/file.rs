@@ -244,8 +244,14 @@ impl Family {
             if !right {
                 return Err(BadInput(format!("axis {name} of the family: its variances are none")));
             }
-            let population =
-                Population { mean: DVector::from_column_slice(&facts.mean), between, days, shrinkage: 0.0 };
+            let population = Population {
+                mean: DVector::from_column_slice(&facts.mean),
+                between,
+                days,
+                shrinkage: 0.0,
+                left_out: 0.0,
+                log_odds: Vec::new(),
+            };
             let noise_models = facts.noise_models.clone().try_into().map_err(|_| {
                 BadInput(format!(
                     "axis {name} of the family: {} noise models, this program has others",

@@ -336,6 +336,7 @@ fn highest(of: &impl Fn(f64) -> f64, around: f64) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::family::Learnt;
     use crate::fit::independence::Units;
     use crate::fit::{correct, prepare};
     use hrg_data::numeric::stats::std_dev;
@@ -359,8 +360,8 @@ mod tests {
     fn a_unit_is_known_from_less_where_it_belongs_and_another_is_named() {
         let slopes = [-0.4, 0.1, 0.3, -0.1, 0.4, -0.3, 0.2];
         let units = (1..).zip(slopes).map(|(seed, slope)| vec![run("cycle", 1, seed, slope)]).collect();
-        let (family, left_out) = Family::learn("test", units).expect("a family");
-        assert!(left_out.is_empty() && family.sources.len() == 7);
+        let Learnt { family, left_out, unlike } = Family::learn("test", units).expect("a family");
+        assert!(left_out.is_empty() && unlike.is_empty() && family.sources.len() == 7, "{unlike:?}");
         let again = Family::from_json(&family.to_json().expect("text")).expect("read");
         assert_eq!(again.to_json().expect("text"), family.to_json().expect("text"));
         // An hour of heating alone: no fit by itself knows how it cools.
@@ -436,7 +437,7 @@ mod tests {
         let one = |seed: u64, gain: f64, branch: f64| with_play(run("cycle", 1, seed, 0.0), gain, branch);
         let gains = [0.30, 0.26, 0.33, 0.29, 0.31];
         let units = (1..).zip(gains).map(|(seed, gain)| vec![one(seed, gain, 1.0)]).collect();
-        let (family, _) = Family::learn("plays", units).expect("a family");
+        let Learnt { family, .. } = Family::learn("plays", units).expect("a family");
         let starts: Vec<f32> = family
             .terms
             .iter()

@@ -34,15 +34,25 @@ use hrg_data::numeric::stats::{dot, log_sum, median};
 use hrg_data::recording::names;
 use hrg_data::recording::steps::Run;
 use hrg_data::recording::Recording;
+use member::Evidence;
 use nalgebra::DVector;
 use population::{OfRun, OfUnit, Population};
 
 /// Units on which the effects are searched together, at most: what a dozen do not show, a hundred do not need, and rows in memory grow with them.
 const SEARCHED: usize = 12;
 
+/// Effects that the units may share.
+struct Proposal {
+    terms: Vec<FamilyTerm>,
+    /// By axis, the variance that each gain may have at all, by the evidence of the search.
+    variances_dph2: [Vec<f64>; AXES],
+}
+
 /// Facts of a run about an axis.
 struct Told {
     of_run: OfRun,
+    /// Log density of its rates, whitened, where all coefficients are zero: what `of_run` does not hold.
+    log_of_nothing: f64,
     noise: NoiseFacts,
     /// Log likelihood of each noise model.
     noise_models: [f64; NOISE_MODELS.len()],
@@ -157,6 +167,28 @@ pub struct LeftOut {
     pub why: String,
 }
 
+/// A unit of a family that the others do not resemble.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Unlike {
+    /// Its name.
+    pub unit: String,
+    /// The axis on which it differs the most.
+    pub axis: usize,
+    /// Natural logarithm of the odds there of a family of the other units against what its runs say by themselves.
+    pub log_odds: f64,
+}
+
+/// A family as it comes from its units.
+#[derive(Debug, Clone)]
+pub struct Learnt {
+    /// The family.
+    pub family: Family,
+    /// Units whose runs could not be used.
+    pub left_out: Vec<LeftOut>,
+    /// Units that are in it, and that a family of the others would not take for its own: a bad recording, or a unit of another design.
+    pub unlike: Vec<Unlike>,
+}
+
 /// The recordings of one unit, made ready.
 struct Ready {
     unit: String,
@@ -194,11 +226,11 @@ pub fn by_unit(recordings: Vec<Recording>) -> Vec<Vec<Recording>> {
 }
 
 impl Family {
-    /// Learns a family from the recordings of its units. Units that cannot be used are left out, and named.
+    /// Learns a family from the recordings of its units. Units that cannot be used are left out, and named; so are those that the others do not resemble.
     ///
     /// # Errors
     /// One sentence: too few units.
-    pub fn learn(name: &str, units: Vec<Vec<Recording>>) -> Result<(Self, Vec<LeftOut>), BadInput> {
+    pub fn learn(name: &str, units: Vec<Vec<Recording>>) -> Result<Learnt, BadInput> {
         let without_earth_rate = alike(units.iter().flatten())?;
         let (mut there, mut left_out) = (Vec::new(), Vec::new());
         for unit in side_by_side::each(units, |u| ready(&u)) {
@@ -227,7 +259,7 @@ impl Family {
         let mut lengths: Vec<f64> =
             there.iter().flat_map(|r| r.prepared.runs.iter().map(|run| run.steps.len() as f64)).collect();
         let mut lags: Vec<f64> = there.iter().map(|r| r.prepared.mean_lag_s()).collect();
-        let mut family = Self {
+        let family = Self {
             name: name.to_string(),
             sources: there.iter().map(|r| Source { unit: r.unit.clone(), runs: r.runs.clone() }).collect(),
             without_earth_rate,
@@ -239,9 +271,6 @@ impl Family {
             coarse_s: Data::coarse_s(median(&mut lengths).unwrap_or(0.0) as usize),
             axes: [None, None, None],
         };
-        let (terms, variances_dph2) = family.effects(&there);
-        family.terms = terms;
-        let specification = family.specification();
         let curves: [Option<DesignCurve>; AXES] = std::array::from_fn(|a| {
             let with = there.iter().filter(|r| present(&r.prepared).any(|p| p == a));
             let each: Vec<TemperatureCurve> = with.map(|r| r.prepared.calibration.axes[a].curve).collect();
@@ -251,36 +280,83 @@ impl Family {
             let high_c = each.iter().map(|c| c.valid_to_c).fold(f32::INFINITY, f32::min);
             resonators.then(|| DesignCurve::of(&each, [low_c + 0.5, high_c - 0.5].map(f64::from))).flatten()
         });
-        let told = side_by_side::each(there, |r| {
-            let of_run = |run: &Run| family.told(&specification, run);
-            r.prepared.runs.iter().map(of_run).collect::<Vec<_>>()
-        });
-        let learnt = side_by_side::each(vec![0, 1, 2], |a| family.axis(&told, a, &variances_dph2[a], curves[a]));
-        for (axis, to) in learnt.into_iter().zip(&mut family.axes) {
-            *to = axis?;
+        // Of the effects that are proposed those that best predict units which were left out.
+        let proposals = family.proposals(&there);
+        let mut best: Option<(f64, Self)> = None;
+        let mut why = None;
+        for proposal in &proposals {
+            match family.with(proposal, &there, curves) {
+                Ok((score, with)) if best.as_ref().is_none_or(|b| score > b.0) => best = Some((score, with)),
+                Ok(_) => {}
+                Err(e) => why = why.or(Some(e)),
+            }
         }
-        Ok((family, left_out))
+        let family = match (best, why) {
+            (Some((_, family)), _) => family,
+            (None, why) => return Err(why.unwrap_or_else(|| BadInput::new("no model holds the units' runs"))),
+        };
+        let unlike = family.unlike(&there);
+        Ok(Learnt { family, left_out, unlike })
     }
 
-    /// Effects that units side by side share: one run of each, the longest, and a baseline of each. With, by axis, the variance that each gain may have at
-    /// all, by the evidence of the search.
-    fn effects(&self, units: &[Ready]) -> (Vec<FamilyTerm>, [Vec<f64>; AXES]) {
+    /// The units that the others do not resemble, by the odds of [`member::Member::belongs`].
+    fn unlike(&self, units: &[Ready]) -> Vec<Unlike> {
+        let mut out: Vec<Unlike> = Vec::new();
+        for (a, axis) in self.axes.iter().enumerate() {
+            let Some(axis) = axis else { continue };
+            let with = units.iter().filter(|u| present(&u.prepared).any(|p| p == a));
+            for (unit, &log_odds) in with.zip(&axis.population.log_odds) {
+                let belongs = Evidence { family: log_odds, own: 0.0 }.belongs(present(&unit.prepared).count());
+                match out.iter_mut().find(|u| u.unit == unit.unit) {
+                    Some(known) if log_odds < known.log_odds => (known.axis, known.log_odds) = (a, log_odds),
+                    None if !belongs => out.push(Unlike { unit: unit.unit.clone(), axis: a, log_odds }),
+                    _ => {}
+                }
+            }
+        }
+        out
+    }
+
+    /// Effects that units side by side share: one run of each, the longest, and a baseline of each. First what the search finds, then the same with families
+    /// in the place of effects of their class.
+    fn proposals(&self, units: &[Ready]) -> Vec<Proposal> {
         let every = units.len().div_ceil(SEARCHED);
         let longest = |r: &Ready| r.prepared.runs.iter().max_by_key(|run| run.steps.len()).cloned();
         let runs: Vec<Run> = units.iter().step_by(every).filter_map(longest).collect();
         let data = Data::of_units(&runs, self.scaling, self.lag_s);
-        let model = Search::new(&data).run_for_unit().specification();
-        // (Variances over the noise's, as absolute ones.)
-        let noise_dph2: [f64; AXES] = std::array::from_fn(|a| {
-            let columns = model.columns(&data, a);
-            let found = posterior(&data.axes[a], &columns.values, &columns.prior);
-            found.map_or(0.0, |f| f.each.iter().map(|u| u.weight * u.variance_dph2).sum())
+        let mut search = Search::new(&data);
+        let found = search.run_for_unit();
+        let others = search.with_families(&found);
+        let mut out: Vec<Proposal> = Vec::new();
+        for proposal in std::iter::once(&found).chain(&others).map(|m| Proposal::of(&m.specification(), &data)) {
+            if out.iter().all(|p| p.terms != proposal.terms) {
+                out.push(proposal);
+            }
+        }
+        out
+    }
+
+    /// The family with these effects, and the log density of units which were left out under it.
+    fn with(
+        &self,
+        proposal: &Proposal,
+        units: &[Ready],
+        curves: [Option<DesignCurve>; AXES],
+    ) -> Result<(f64, Self), BadInput> {
+        let mut family = Self { terms: proposal.terms.clone(), ..self.clone() };
+        let specification = family.specification();
+        let told = side_by_side::each(units.iter().collect(), |r: &Ready| {
+            let of_run = |run: &Run| family.told(&specification, run);
+            r.prepared.runs.iter().map(of_run).collect::<Vec<_>>()
         });
-        let shared = |t: &&Term| t.parts.iter().all(|c| c.on_unit() && c.reads().is_empty());
-        let terms: Vec<&Term> = model.terms.iter().filter(shared).collect();
-        let variances_dph2 =
-            std::array::from_fn(|a| terms.iter().flat_map(|t| t.prior[a].iter().map(|v| v * noise_dph2[a])).collect());
-        (terms.into_iter().map(FamilyTerm::of).collect(), variances_dph2)
+        let learnt =
+            side_by_side::each(vec![0, 1, 2], |a| family.axis(&told, a, &proposal.variances_dph2[a], curves[a]));
+        for (axis, to) in learnt.into_iter().zip(&mut family.axes) {
+            *to = axis?;
+        }
+        let of_noise = told.iter().flatten().flatten().flatten().map(|t| t.log_of_nothing).sum::<f64>();
+        let of_units = family.axes.iter().flatten().map(|a| a.population.left_out).sum::<f64>();
+        Ok((of_noise + of_units, family))
     }
 
     /// Makes the recordings of a unit ready for [`Self::member`]: its temperatures are those of the highest probability under the family's curves and
@@ -374,7 +450,11 @@ impl Family {
             to_c_per_min: self.ramps_c_per_min[1],
         };
         let visited = States::new(ranges, data.runs.first()?, a);
-        Some(Told { of_run: OfRun { information, product }, noise: facts, noise_models, visited })
+        let (n, v) = (y.len() as f64, best.variance_dph2);
+        let log_of_nothing = rows.filters.log_determinant(best.noise_model)
+            - 0.5 * (n * (2.0 * std::f64::consts::PI * v).ln() + dot(&y, &y) / v);
+        let of_run = OfRun { information, product, rows: y.len() };
+        Some(Told { of_run, log_of_nothing, noise: facts, noise_models, visited })
     }
 
     /// The distribution of an axis over the units. `None` where no unit has it.
@@ -490,6 +570,22 @@ fn alike<'r>(recordings: impl Iterator<Item = &'r Recording>) -> Result<bool, Ba
 /// Axes that a unit has.
 fn present(p: &Prepared) -> impl Iterator<Item = usize> + '_ {
     p.runs.first().into_iter().flat_map(|r| r.steps.present())
+}
+
+impl Proposal {
+    fn of(model: &Specification, data: &Data<'_>) -> Self {
+        // (Variances over the noise's, as absolute ones.)
+        let noise_dph2: [f64; AXES] = std::array::from_fn(|a| {
+            let columns = model.columns(data, a);
+            let found = posterior(&data.axes[a], &columns.values, &columns.prior);
+            found.map_or(0.0, |f| f.each.iter().map(|u| u.weight * u.variance_dph2).sum())
+        });
+        let shared = |t: &&Term| t.parts.iter().all(|c| c.on_unit() && c.reads().is_empty());
+        let terms: Vec<&Term> = model.terms.iter().filter(shared).collect();
+        let variances_dph2 =
+            std::array::from_fn(|a| terms.iter().flat_map(|t| t.prior[a].iter().map(|v| v * noise_dph2[a])).collect());
+        Self { terms: terms.into_iter().map(FamilyTerm::of).collect(), variances_dph2 }
+    }
 }
 
 impl FamilyTerm {

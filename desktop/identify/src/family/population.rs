@@ -6,9 +6,11 @@
 //! theta_unit ~ N(mean, between),   theta_day ~ N(theta_unit, days),   rates = columns theta_day + noise
 //! ```
 //!
-//! `mean`, `between` and `days` are those of the highest likelihood, found by expectation and maximisation (Dempster, Laird and Rubin
-//! 1977; the same model as Lindley and Smith 1972). A covariance of as many coefficients as there are units is poorly known: the part of it off
-//! its diagonal is shrunk by the weight that predicts units best which were left out, and `days` is taken for diagonal.
+//! `mean`, `between` and `days` are those of the highest likelihood: `between` by expectation and maximisation (Dempster, Laird and Rubin 1977; the same
+//! model as Lindley and Smith 1972), `mean` by generalised least squares, `days` by minorisation and maximisation, as expectation takes hundreds of steps
+//! where a variance is next to nothing. A covariance of as many coefficients as there are units is poorly known: the part of it off its diagonal is shrunk by
+//! the weight that predicts units best which were left out, and `days` is taken for diagonal. The likelihood of the units that were left out also tells
+//! which effects the units share ([`Population::left_out`]), and which unit the others do not resemble ([`Population::log_odds`]).
 //!
 //! # Basis
 //! Which numbers a diagonal holds is a choice. Columns that look alike (a ladder of time constants) have large gains of opposite signs, and what matters is
@@ -22,6 +24,8 @@
 
 use crate::matrices::log_determinant;
 use crate::trace::uncertainty::square_root;
+use hrg_data::numeric::side_by_side;
+use hrg_data::numeric::stats::log_sum;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// Facts of one run about the coefficients: information and right-hand side of its generalised least squares.
@@ -31,6 +35,8 @@ pub struct OfRun {
     pub information: DMatrix<f64>,
     /// X' N^-1 y.
     pub product: DVector<f64>,
+    /// Rows of y.
+    pub rows: usize,
 }
 
 /// The runs of one unit.
@@ -51,14 +57,28 @@ pub struct Population {
     pub days: DMatrix<f64>,
     /// Weight of the diagonal that was chosen, in units.
     pub shrinkage: f64,
+    /// Log likelihood of the units, each under a population that was learnt without it, up to what does not depend on the model.
+    pub left_out: f64,
+    /// Of each unit: natural logarithm of the odds of that against what its runs say by themselves. Empty where it was read from a file.
+    pub log_odds: Vec<f64>,
 }
 
 /// The same in the orthogonal basis.
+#[derive(Clone)]
 struct InBasis {
     mean: DVector<f64>,
     between: DMatrix<f64>,
     /// Variance of each coefficient from day to day.
     days: DVector<f64>,
+}
+
+/// Its matrices, made once for all units.
+struct Made {
+    /// Inverse of `between`, and the logarithm of its determinant.
+    precision: DMatrix<f64>,
+    log_between: f64,
+    /// Standard deviation of each coefficient from day to day.
+    day: DVector<f64>,
 }
 
 /// A covariance with a precision added.
@@ -101,27 +121,33 @@ impl Basis {
     /// Facts of a run about those coefficients.
     fn of_run(&self, run: &OfRun) -> OfRun {
         let information = self.back.transpose() * &run.information * &self.back;
-        OfRun { information: symmetrised(&information), product: self.back.transpose() * &run.product }
+        OfRun { information: symmetrised(&information), product: self.back.transpose() * &run.product, rows: run.rows }
     }
 
-    /// A population of those coefficients as one of the model's.
-    fn population(&self, of: &InBasis, shrinkage: f64) -> Option<Population> {
+    /// A population of those coefficients as one of the model's. `left_out`: log likelihood of each unit under a population without it.
+    fn population(&self, of: &InBasis, units: &[OfUnit], (left_out, shrinkage): (Vec<f64>, f64)) -> Option<Population> {
+        let made = of.made()?;
+        let alone = |u: &OfUnit| of.alone(&made, u, self);
+        let log_odds =
+            left_out.iter().zip(units).map(|(with, u)| Some(with - alone(u)?)).collect::<Option<Vec<f64>>>()?;
         let covariance = |c: &DMatrix<f64>| symmetrised(&(&self.back * c * self.back.transpose()));
         Some(Population {
             mean: &self.back * &of.mean,
             between: covariance(&of.between),
             days: covariance(&bounded(&DMatrix::from_diagonal(&of.days), &self.precision)?),
             shrinkage,
+            left_out: left_out.iter().sum(),
+            log_odds,
         })
     }
 }
 
 /// Weights of the diagonal that are tried, in multiples of the number of coefficients: from a covariance that is taken as it is found to one without
 /// correlations.
-const WEIGHTS: [f64; 5] = [0.1, 0.5, 2.0, 8.0, 32.0];
+const WEIGHTS: [f64; 5] = [0.02, 0.1, 0.5, 2.0, 8.0];
 /// Steps of expectation and maximisation; the likelihood changes by less than a hundredth of a unit of its logarithm behind them.
 const STEPS: usize = 60;
-/// Parts into which the units are cut to choose the weight.
+/// Parts into which the units are cut, each left out once; fewer than twice as many units are left out one by one.
 const PARTS: usize = 5;
 /// Fewest units of a family: a mean and a spread of each coefficient, and units left out to choose the weight.
 pub const FEWEST: usize = 4;
@@ -131,9 +157,8 @@ const LEAST: f64 = 1e-8;
 /// Facts of a unit's runs once the days are integrated out.
 struct Expected {
     mean: DVector<f64>,
-    covariance: DMatrix<f64>,
-    /// By coefficient: sum over the days of the expected square of a day's part.
-    day_squares: DVector<f64>,
+    /// Inverse of its covariance, in factors.
+    of_covariance: Cholesky<f64, Dyn>,
     /// Log likelihood, up to what does not depend on the population.
     likelihood: f64,
 }
@@ -144,51 +169,73 @@ fn inverse(m: &DMatrix<f64>) -> Option<(DMatrix<f64>, Cholesky<f64, Dyn>)> {
 }
 
 impl InBasis {
-    /// Its likelihood for a unit, and what it expects of the unit.
-    fn expect(&self, unit: &OfUnit) -> Option<Expected> {
-        let p = self.mean.len();
-        let (precision, of_between) = inverse(&self.between)?;
-        let (mut information, mut product) = (precision.clone(), &precision * &self.mean);
-        let mut likelihood = -0.5 * self.mean.dot(&product) - 0.5 * log_determinant(&of_between);
-        let root = self.days.map(f64::sqrt);
-        let mut each = Vec::new();
-        for run in &unit.runs {
-            // (I + D^1/2 G D^1/2), D the variances of the days: where one is zero it is no unknown.
-            let m = DMatrix::from_fn(p, p, |i, j| {
-                root[i] * run.information[(i, j)] * root[j] + f64::from(u8::from(i == j))
-            });
-            let (inner, f) = inverse(&m)?;
-            let days = DMatrix::from_fn(p, p, |i, j| root[i] * inner[(i, j)] * root[j]);
-            let gd = &run.information * &days;
-            information += &run.information - &gd * &run.information;
-            product += &run.product - &gd * &run.product;
-            likelihood += 0.5 * (run.product.transpose() * &days * &run.product)[(0, 0)] - 0.5 * log_determinant(&f);
-            each.push(days);
-        }
-        let (covariance, f) = inverse(&information)?;
-        let mean = &covariance * &product;
-        likelihood += 0.5 * mean.dot(&product) - 0.5 * log_determinant(&f);
-        let mut day_squares = DVector::zeros(p);
-        for (run, days) in unit.runs.iter().zip(&each) {
-            let off = days * (&run.product - &run.information * &mean);
-            let dg = days * &run.information;
-            let spread = days + &dg * &covariance * dg.transpose();
-            for j in 0..p {
-                day_squares[j] += off[j] * off[j] + spread[(j, j)];
-            }
-        }
-        Some(Expected { mean, covariance, day_squares, likelihood })
+    fn made(&self) -> Option<Made> {
+        let (precision, f) = inverse(&self.between)?;
+        Some(Made { precision, log_between: log_determinant(&f), day: self.days.map(f64::sqrt) })
     }
 
-    /// One step of expectation and maximisation.
-    fn step(&self, units: &[&OfUnit], basis: &Basis, weight: f64) -> Option<(Self, f64)> {
+    /// A run's information on the coefficients of its unit, its right-hand side, and what it adds to the logarithm of the likelihood, once its day is
+    /// integrated out.
+    fn without_day(made: &Made, run: &OfRun) -> Option<(DMatrix<f64>, DVector<f64>, f64)> {
+        // L L' = I + D^1/2 G D^1/2, D the variances of the days: where one is zero it is no unknown.
+        let (p, day) = (made.day.len(), &made.day);
+        let mut g = DMatrix::from_fn(p, p, |i, j| day[i] * run.information[(i, j)]);
+        let inner = DMatrix::from_fn(p, p, |i, j| g[(i, j)] * day[j] + f64::from(u8::from(i == j)));
+        let f = inner.cholesky()?;
+        // L^-1 D^1/2 G and L^-1 D^1/2 b.
+        let mut b = day.component_mul(&run.product);
+        let l = f.l_dirty();
+        if !(l.solve_lower_triangular_mut(&mut g) && l.solve_lower_triangular_mut(&mut b)) {
+            return None;
+        }
+        let log = 0.5 * b.norm_squared() - 0.5 * log_determinant(&f);
+        Some((&run.information - g.tr_mul(&g), &run.product - g.tr_mul(&b), log))
+    }
+
+    /// The same of all runs of a unit.
+    fn without_days(&self, made: &Made, unit: &OfUnit) -> Option<(DMatrix<f64>, DVector<f64>, f64)> {
+        let p = self.mean.len();
+        let mut sum = (DMatrix::zeros(p, p), DVector::zeros(p), 0.0);
+        for run in &unit.runs {
+            let (information, product, log) = Self::without_day(made, run)?;
+            sum = (sum.0 + information, sum.1 + product, sum.2 + log);
+        }
+        Some(sum)
+    }
+
+    /// Its likelihood for a unit, and what it expects of the unit.
+    fn expect(&self, made: &Made, unit: &OfUnit) -> Option<Expected> {
+        let (information, product, log) = self.without_days(made, unit)?;
+        let of_mean = &made.precision * &self.mean;
+        let f = (information + &made.precision).cholesky()?;
+        let product = product + &of_mean;
+        let mean = f.solve(&product);
+        let likelihood = log - 0.5 * self.mean.dot(&of_mean) - 0.5 * made.log_between + 0.5 * mean.dot(&product)
+            - 0.5 * log_determinant(&f);
+        Some(Expected { mean, of_covariance: f, likelihood })
+    }
+
+    /// Log likelihood of a unit of which nothing is known but the variances that gains have at all: its coefficients have a prior with the weight of one row
+    /// of its own about what was found.
+    fn alone(&self, made: &Made, unit: &OfUnit, basis: &Basis) -> Option<f64> {
+        let (information, product, log) = self.without_days(made, unit)?;
+        let rows = unit.runs.iter().map(|r| r.rows).sum::<usize>().max(1) as f64;
+        let whole = (&information + &basis.precision).cholesky()?;
+        let one_row = (&information / rows + &basis.precision).cholesky()?;
+        let fitted = 0.5 * product.dot(&whole.solve(&product));
+        Some(log + fitted + 0.5 * (log_determinant(&one_row) - log_determinant(&whole)))
+    }
+
+    /// One step of expectation and maximisation: the covariance from unit to unit, and with it the mean of the highest likelihood.
+    fn step(&self, units: &[&OfUnit], basis: &Basis, weight: f64) -> Option<Self> {
         let (p, n) = (self.mean.len(), units.len() as f64);
-        let expected: Vec<Expected> = units.iter().map(|u| self.expect(u)).collect::<Option<_>>()?;
+        let made = self.made()?;
+        let expected: Vec<Expected> = units.iter().map(|u| self.expect(&made, u)).collect::<Option<_>>()?;
         let mean = expected.iter().map(|e| &e.mean).sum::<DVector<f64>>() / n;
         let mut between = DMatrix::zeros(p, p);
         for e in &expected {
             let off = &e.mean - &mean;
-            between += &e.covariance + &off * off.transpose();
+            between += e.of_covariance.inverse() + &off * off.transpose();
         }
         between /= n;
         let least = mean.map(|m| m * m).max().max(1e-12) * LEAST;
@@ -200,29 +247,57 @@ impl InBasis {
                 keep * 0.5 * (between[(i, j)] + between[(j, i)])
             }
         });
-        let between = bounded(&between, &basis.precision)?;
-        let mean = {
-            let (precision, _) = inverse(&between)?;
-            let sum = &precision * (&mean * n);
-            inverse(&(precision * n + &basis.precision))?.0 * sum
-        };
-        // A unit of one run does not part its day from itself.
-        let several: Vec<(usize, &Expected)> =
-            units.iter().map(|u| u.runs.len()).zip(&expected).filter(|(runs, _)| *runs > 1).collect();
-        let runs = several.iter().map(|(runs, _)| runs).sum::<usize>() as f64;
-        let days = if several.is_empty() {
-            DVector::zeros(p)
-        } else {
-            several.iter().map(|(_, e)| &e.day_squares).sum::<DVector<f64>>() / runs
-        };
-        let likelihood = expected.iter().map(|e| e.likelihood).sum();
-        Some((Self { mean, between, days }, likelihood))
+        let next = Self { between: bounded(&between, &basis.precision)?, ..self.clone() };
+        next.with_mean(units, basis)
+    }
+
+    /// With the mean of the highest likelihood under its covariances (generalised least squares).
+    fn with_mean(&self, units: &[&OfUnit], basis: &Basis) -> Option<Self> {
+        let made = self.made()?;
+        let (mut information, mut product) = (basis.precision.clone(), DVector::zeros(self.mean.len()));
+        for unit in units {
+            // A unit tells G and b of itself, and of the mean P - P (P + G)^-1 P and P (P + G)^-1 b.
+            let (g, b, _) = self.without_days(&made, unit)?;
+            let f = (g + &made.precision).cholesky()?;
+            product += &made.precision * f.solve(&b);
+            information += &made.precision - &made.precision * f.solve(&made.precision);
+        }
+        let touch = information.diagonal() * LEAST;
+        let mean = inverse(&symmetrised(&(information + DMatrix::from_diagonal(&touch))))?.0 * product;
+        Some(Self { mean, ..self.clone() })
+    }
+
+    /// With variances of the days of a higher likelihood: each is multiplied by the root of what its days explain over what is expected of them by chance
+    /// (minorisation and maximisation; Zhou, Hu, Qiao and Sinsheimer 2019). Where days do not differ it falls to nothing in a few steps.
+    fn with_days(&self, units: &[&OfUnit]) -> Option<Self> {
+        let (made, p) = (self.made()?, self.mean.len());
+        let (mut explained, mut expected) = (DVector::<f64>::zeros(p), DVector::<f64>::zeros(p));
+        for unit in units {
+            let of_unit = self.expect(&made, unit)?;
+            for run in &unit.runs {
+                let (information, product, _) = Self::without_day(&made, run)?;
+                let off = product - &information * &of_unit.mean;
+                let left = &information - &information * of_unit.of_covariance.solve(&information);
+                explained += off.component_mul(&off);
+                expected += left.diagonal();
+            }
+        }
+        let days = DVector::from_fn(p, |j, _| {
+            let factor = (explained[j] / expected[j].max(f64::MIN_POSITIVE)).sqrt();
+            self.days[j] * if factor.is_finite() { factor } else { 1.0 }
+        });
+        Some(Self { days, ..self.clone() })
     }
 
     fn with_weight(units: &[&OfUnit], basis: &Basis, weight: f64) -> Option<Self> {
         let mut now = Self::first(units, basis)?;
+        // (A unit of one run does not part its day from itself.)
+        let several = units.iter().any(|u| u.runs.len() > 1);
         for _ in 0..STEPS {
-            now = now.step(units, basis, weight)?.0;
+            now = now.step(units, basis, weight)?;
+            if several {
+                now = now.with_days(units)?;
+            }
         }
         Some(now)
     }
@@ -250,9 +325,9 @@ impl InBasis {
         let square = |j: usize| each.iter().map(|e| (e[j] - mean[j]).powi(2)).sum::<f64>() / n;
         let between =
             DMatrix::from_fn(p, p, |i, j| if i == j { square(i) + LEAST * mean[i] * mean[i] + 1e-18 } else { 0.0 });
-        let days = between.diagonal() * 0.01;
         let several = units.iter().any(|u| u.runs.len() > 1);
-        Some(Self { mean, between, days: if several { days } else { DVector::zeros(p) } })
+        let days = between.diagonal() * if several { 0.01 } else { 0.0 };
+        Some(Self { mean, between, days })
     }
 
     /// The population for a unit that it was not learnt from: mean and variances of `n` units are uncertain themselves, and the predictive
@@ -275,23 +350,45 @@ impl Population {
         let in_basis = |u: &OfUnit| OfUnit { runs: u.runs.iter().map(|r| basis.of_run(r)).collect() };
         let units: Vec<OfUnit> = units.iter().map(in_basis).collect();
         let p = units.first()?.runs.first()?.product.len() as f64;
-        let score = |weight: f64| -> Option<f64> {
-            (0..PARTS.min(units.len()))
-                .map(|part| {
-                    let (out, rest): (Vec<_>, Vec<_>) =
-                        units.iter().enumerate().partition(|(k, _)| k % PARTS.min(units.len()) == part);
-                    let rest: Vec<&OfUnit> = rest.into_iter().map(|(_, u)| u).collect();
-                    let learnt = InBasis::with_weight(&rest, &basis, weight)?.of_a_new_unit(rest.len());
-                    out.iter().map(|(_, u)| Some(learnt.expect(u)?.likelihood)).sum::<Option<f64>>()
-                })
-                .sum()
-        };
-        let scored = WEIGHTS.into_iter().filter_map(|w| Some((score(w * p)?, w * p)));
-        let (_, weight) = scored.max_by(|x, y| x.0.total_cmp(&y.0))?;
+        let scored = side_by_side::each(WEIGHTS.to_vec(), |w| Some((left_out(&units, &basis, w * p)?, w * p)));
+        let log = |x: &(Vec<f64>, f64)| x.0.iter().sum::<f64>();
+        let best = scored.into_iter().flatten().max_by(|x, y| log(x).total_cmp(&log(y)))?;
         let all: Vec<&OfUnit> = units.iter().collect();
-        let learnt = InBasis::with_weight(&all, &basis, weight)?.of_a_new_unit(units.len());
-        basis.population(&learnt, weight)
+        let learnt = InBasis::with_weight(&all, &basis, best.1)?.of_a_new_unit(units.len());
+        basis.population(&learnt, &units, best)
     }
+}
+
+/// Eighths of a normal distribution, by their medians.
+const EIGHTHS: [f64; 8] = [-1.534, -0.887, -0.489, -0.157, 0.157, 0.489, 0.887, 1.534];
+
+/// Factors by which the covariance of a new unit may differ from that of the `n` units it was learnt from, each as probable: with them a normal
+/// distribution becomes Student's with n - 1 degrees of freedom (quantiles of chi squared by Wilson and Hilferty 1931).
+fn possible_scales(n: usize) -> [f64; 8] {
+    let freedom = n as f64 - 1.0;
+    let of_mean = 1.0 + 1.0 / n as f64;
+    let c = 2.0 / (9.0 * freedom);
+    EIGHTHS.map(|z| of_mean / (1.0 - c + z * c.sqrt()).max(0.1).powi(3))
+}
+
+/// Log likelihood of each unit under a population that was learnt without it and the others of its part.
+fn left_out(units: &[OfUnit], basis: &Basis, weight: f64) -> Option<Vec<f64>> {
+    let parts = if units.len() < 2 * PARTS { units.len() } else { PARTS };
+    let mut out = vec![0.0; units.len()];
+    for part in 0..parts {
+        let rest: Vec<&OfUnit> = units.iter().enumerate().filter(|(k, _)| k % parts != part).map(|(_, u)| u).collect();
+        let learnt = InBasis::with_weight(&rest, basis, weight)?;
+        let scaled = possible_scales(rest.len()).map(|scale| {
+            let one = InBasis { between: &learnt.between * scale, ..learnt.clone() };
+            Some((one.made()?, one))
+        });
+        for k in (part..units.len()).step_by(parts) {
+            let log = |x: &Option<(Made, InBasis)>| Some(x.as_ref()?.1.expect(&x.as_ref()?.0, &units[k])?.likelihood);
+            let logs = scaled.iter().map(log).collect::<Option<Vec<f64>>>()?;
+            out[k] = log_sum(&logs) - (logs.len() as f64).ln();
+        }
+    }
+    Some(out)
 }
 
 #[cfg(test)]
@@ -318,7 +415,7 @@ mod tests {
                     };
                     let g = DVector::from_row_slice(&information);
                     let v = DVector::from_row_slice(&[value(0, normal), value(1, normal)]);
-                    OfRun { product: g.component_mul(&v), information: DMatrix::from_diagonal(&g) }
+                    OfRun { product: g.component_mul(&v), information: DMatrix::from_diagonal(&g), rows: 400 }
                 };
                 OfUnit { runs: (0..runs).map(|_| of_run([400.0, 100.0], &mut normal)).collect() }
             })
@@ -356,6 +453,24 @@ mod tests {
         }
         let mean = squares / rounds as f64;
         assert!((0.6..1.5).contains(&mean), "{mean}");
+    }
+
+    #[test]
+    fn a_unit_that_the_others_do_not_resemble_is_told_by_its_odds() {
+        let mut all = units(12, 2, 0.0, 5);
+        let odds = Population::learn(&all, &[]).expect("learnt").log_odds;
+        assert!(odds.iter().all(|o| *o > -3.0), "{odds:.1?}");
+        // Its second coefficient is 3 larger, six times what units differ by.
+        all[4].runs.iter_mut().for_each(|r| r.product[1] += 3.0 * r.information[(1, 1)]);
+        let odds = Population::learn(&all, &[]).expect("learnt").log_odds;
+        assert!(odds[4] < -5.0 && odds.iter().enumerate().all(|(k, o)| k == 4 || *o > -3.0), "{odds:.1?}");
+    }
+
+    #[test]
+    fn days_that_do_not_differ_come_out_as_nothing() {
+        let found = Population::learn(&units(30, 2, 0.3, 6), &[]).expect("learnt");
+        // (A run tells the second coefficient to 0.1, and units differ by 0.54.)
+        assert!(found.days[(1, 1)] < 1e-3, "{}", found.days);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
 use hrg_data::load::load_recording;
 use hrg_data::numeric::side_by_side;
-use hrg_identify::family::{by_unit, Family};
+use hrg_identify::family::{by_unit, Family, Learnt};
 use hrg_identify::fit;
 use std::path::PathBuf;
 
@@ -42,7 +42,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let units = by_unit(recordings);
     let longest = units.iter().flatten().max_by_key(|r| r.time_s.len()).cloned();
-    let (family, left_out) = with_a_bar("learning the family", || Family::learn(&name, units))?;
+    let Learnt { family, left_out, unlike } = with_a_bar("learning the family", || Family::learn(&name, units))?;
     hrg_data::output::write_file(&arguments.out, family.to_json()?.as_bytes())?;
     let runs: usize = family.sources.iter().map(|s| s.runs.len()).sum();
     let hours: f64 = family.sources.iter().flat_map(|s| &s.runs).map(|r| r.hours).sum();
@@ -58,6 +58,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     println!("the spreads between {of} units are known to {:.0} % of themselves", 100.0 / (2.0 * (of - 1.0)).sqrt());
     if let Some(longest) = longest {
         print_parts(&family, &longest)?;
+    }
+    for u in &unlike {
+        println!(
+            "note: the unit {} is in the family and is not like the others, axis {} above all (log odds {:+.0}): look at its recordings, or learn without it",
+            u.unit, AXIS_NAMES[u.axis], u.log_odds
+        );
     }
     for left in &left_out {
         println!("note: the unit {} is left out: {}", left.unit, left.why);

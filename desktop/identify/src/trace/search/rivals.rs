@@ -5,7 +5,7 @@ use crate::trace::data::Candidate;
 use crate::trace::noise::{Basis, NOISE_MODELS};
 use hrg_core::effects::EffectId;
 use hrg_core::AXES;
-use hrg_data::cards::Kind;
+use hrg_data::cards::{Class, Kind};
 use hrg_data::numeric::stats::dot;
 
 /// Candidate for the place of an effect.
@@ -47,6 +47,36 @@ impl Search<'_> {
             out.push(rival);
         }
         out.sort_by(|x, y| y.score.total().total_cmp(&x.score.total()));
+        out
+    }
+
+    /// Models of what a unit can compute in which one family of lags, plays or decays stands in the place of all effects of its class: what a search of few
+    /// runs takes for two effects, or for a simple one, may be neither in all units.
+    pub fn with_families(&mut self, model: &Model) -> Vec<Model> {
+        self.unit_only = true;
+        let mut out = Vec::new();
+        for class in [Class::Memory, Class::Hysteresis, Class::PowerOn] {
+            let of_class = |s: &Self, state: &State| state.groups.iter().position(|g| s.card(*g).class == class);
+            let mut others = model.state.clone();
+            while let Some(k) = of_class(self, &others) {
+                others = self.without(&others, k);
+            }
+            if others.groups.len() == model.state.groups.len() {
+                continue;
+            }
+            let mut tried: Vec<u16> = Vec::new();
+            for (_, group, on) in self.extensions(&others) {
+                let (card, id) = (self.card(group), self.lead(group).facts.id);
+                let one = self.candidates[group].len() == 1 && self.is_family_with_state(group) && card.class == class;
+                if one && on.iter().any(Option::is_some) && self.has_room(&others, group) && !tried.contains(&id) {
+                    tried.push(id);
+                    let next = self.with_refined(&others, group, &on);
+                    let next = self.prune(next);
+                    out.push(self.model(next));
+                }
+            }
+        }
+        self.unit_only = false;
         out
     }
 
