@@ -56,7 +56,7 @@ const USAGE: &str = "cargo xtask COMMAND
   study --inputs [N]   units of the second plant whose bias follows drive and quadrature, seeds 1 to N (default 4): with their inputs and
                     without, on a run that judges, and through the ELF, into docs/inputs.md (9 min)
   study --family [N]   N new units of designs of the second plant (default 40), a short run under a family of 30 against a long one without, into
-                    docs/family.md (15 min)
+                    docs/family.md (25 min)
   measured          the loop on the measured recordings: every method and the trace, before and after, into docs/measured.md, its
                     picture and the README's caption
   wu2023 [ARGS]     wu2023's loop on a simulated gyro with temperature sensors and no resonator (--page docs/methods.md: into that page)
@@ -346,12 +346,13 @@ fn inputs(arguments: &[String]) -> Result<(), Failure> {
     printed::stamp(&["docs/inputs.md"], &format!("cargo xtask study --inputs {seeds}"), true)
 }
 
-/// Designs of the second plant that families are learnt from: case, seed, spread of the properties.
-const DESIGNS: [(&str, u64, &str); 4] = [
-    ("memory-rod", 1, "0.3"),
-    ("memory-rod", 2, "0.1"),
-    ("mix-rod-plays-stretched", 1, "0.1"),
-    ("hysteresis-bouc-wen", 1, "0.1"),
+/// Designs of the second plant that families are learnt from: case, seed, spread of the properties, and hours of the run of the next unit.
+const DESIGNS: [(&str, u64, &str, &str); 5] = [
+    ("memory-rod", 1, "0.3", "2"),
+    ("memory-rod", 1, "0.3", "3"),
+    ("memory-rod", 2, "0.1", "2"),
+    ("mix-rod-plays-stretched", 1, "0.1", "2"),
+    ("hysteresis-bouc-wen", 1, "0.1", "2"),
 ];
 /// Units that a family is learnt from.
 const LEARNT_FROM: &str = "30";
@@ -363,8 +364,8 @@ fn families(arguments: &[String]) -> Result<(), Failure> {
     let hrg = root().join("target/release/hrg");
     let folder = root().join("out/family");
     let mut cases = Vec::new();
-    for (case, design, spread) in DESIGNS {
-        let at = folder.join(format!("{case}-{design}-spread-{spread}"));
+    for (case, design, spread, hours) in DESIGNS {
+        let at = folder.join(format!("{case}-{design}-spread-{spread}-{hours}h"));
         let make = |what: &str, design: u64, first: &str, units: &str, more: &[&str]| {
             let (design, out) = (design.to_string(), at.join(what));
             let fixed =
@@ -382,8 +383,8 @@ fn families(arguments: &[String]) -> Result<(), Failure> {
         runs.sort();
         let file = at.join(format!("{case}-{design}-spread-{spread}.json"));
         run(Command::new(&hrg).arg("family").args(runs).arg("--out").arg(&file))?;
-        // (As much as two hours tell: the limit is out of reach.)
-        let wanted = ["--from", "-42", "--to", "55", "--start", "22", "--limit", "0.001", "--hours", "2"];
+        // (As much as these hours tell: the limit is out of reach.)
+        let wanted = ["--from", "-42", "--to", "55", "--start", "22", "--limit", "0.001", "--hours", hours];
         let designed = output(Command::new(&hrg).args(["profile", "--prior"]).arg(&file).args(wanted))
             .ok_or_else(|| Failure("hrg profile --prior has failed".into()))?;
         let profile = designed.lines().find_map(|l| l.split_once("--profile ")).map(|(_, p)| p.trim().to_string());

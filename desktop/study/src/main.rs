@@ -188,7 +188,7 @@ enum Command {
     Inputs(hrg_study::inputs::Arguments),
     /// Hours that a family spares the next unit: a short run under it against a long one without, on units of one design by the second plant.
     ///
-    /// Example: hrg-study family --folder out/family/memory-rod-1
+    /// Example: hrg-study family design-a.json:new-units:foreign-units
     Family(hrg_study::family::Arguments),
     /// The main job from end to end, on a simulated unit.
     ///

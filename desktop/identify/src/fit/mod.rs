@@ -86,7 +86,7 @@ pub fn prepare_with(
     units: Units,
     known: Option<[TemperatureCurve; AXES]>,
 ) -> Result<Prepared, BadInput> {
-    prepare_by(recordings, units, |steps, first| match known {
+    prepare_by(recordings, units, true, |steps, first| match known {
         Some(known) if !first.thermometer.is_sensor() => curve::given(steps, known),
         _ => curve::from_steps(steps),
     })
@@ -101,15 +101,17 @@ pub fn prepare_of_design(
     units: Units,
     designs: &[Option<curve::DesignCurve>; AXES],
 ) -> Result<Prepared, BadInput> {
-    prepare_by(recordings, units, |steps, _| match curve::of_design(steps, designs)? {
+    prepare_by(recordings, units, false, |steps, _| match curve::of_design(steps, designs)? {
         Some(identified) => Ok(identified),
         None => curve::from_steps(steps),
     })
 }
 
+/// `alone`: nothing but these runs tells of the unit, so what they leave out is noted.
 fn prepare_by(
     recordings: &[Recording],
     units: Units,
+    alone: bool,
     curves: impl Fn(&[Steps], &Recording) -> Result<curve::Identified, BadInput>,
 ) -> Result<Prepared, BadInput> {
     let mut notes = Vec::new();
@@ -147,7 +149,7 @@ fn prepare_by(
     let (low, high) = present.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), &a| {
         (l.min(curves[a].valid_from_c), h.max(curves[a].valid_to_c))
     });
-    if high - low < NARROW_C {
+    if alone && high - low < NARROW_C {
         notes.push(format!(
             "the temperatures span {:.1} C: what is fitted holds there and nowhere else, and its terms are hard to tell apart; a run over tens of degrees shows more",
             high - low
@@ -161,7 +163,8 @@ fn prepare_by(
         enough_data::require(run, name)?;
         notes.extend(enough_data::few(run, name));
     }
-    let fastest = ramps(&mut calibration, &runs, &present, &mut notes);
+    let (fastest, missing) = ramps(&mut calibration, &runs, &present);
+    notes.extend(missing.into_iter().filter(|_| alone));
     let r_most = calibration
         .axes
         .iter()
@@ -326,9 +329,9 @@ fn visit(calibration: &mut Calibration, runs: &[Run]) {
     }
 }
 
-/// Writes the range of ramps into each axis; gives the fastest cooling and heating of the first.
-fn ramps(calibration: &mut Calibration, runs: &[Run], present: &[usize], notes: &mut Vec<String>) -> [f32; 2] {
-    let mut fastest = [0.0; 2];
+/// Writes the range of ramps into each axis; gives the fastest cooling and heating of the first, and a note where there is none.
+fn ramps(calibration: &mut Calibration, runs: &[Run], present: &[usize]) -> ([f32; 2], Vec<String>) {
+    let (mut fastest, mut notes) = ([0.0; 2], Vec::new());
     for &a in present {
         let ranges: Vec<(f32, f32)> = runs.iter().map(|r| r.ramp_range(a)).collect();
         let cold = ranges.iter().map(|r| r.0).fold(0.0, f32::min);
@@ -345,7 +348,7 @@ fn ramps(calibration: &mut Calibration, runs: &[Run], present: &[usize], notes: 
             }
         }
     }
-    fastest
+    (fastest, notes)
 }
 
 /// CRC-32 of the data that made a calibration.

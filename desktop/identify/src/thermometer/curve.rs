@@ -7,7 +7,7 @@ use hrg_data::error::BadInput;
 use hrg_data::image_file::sensor_curve;
 use hrg_data::numeric::lsq;
 use hrg_data::numeric::stats::{mean, quantile, std_dev};
-use hrg_data::recording::steps::Steps;
+use hrg_data::recording::steps::{Steps, BRIDGE_S};
 use hrg_data::recording::thermometer::Thermometer;
 
 /// Source of the curves.
@@ -315,15 +315,21 @@ impl Pairs {
         for (s, sensor) in runs.iter().zip(sensors) {
             let settle = (sensor.len() / 8).min(600);
             let mut states = vec![f64::NAN; shares.len()];
+            let (mut begun, mut missing) = (0, 0.0);
             for (k, (x, hz)) in sensor.iter().zip(&s.frequency_hz[a]).enumerate() {
                 let x = f64::from(*x);
+                missing = if x.is_finite() { 0.0 } else { missing + 1.0 };
+                if missing > BRIDGE_S {
+                    // Behind such a gap the lags begin anew.
+                    (begun, states) = (k, vec![f64::NAN; shares.len()]);
+                }
                 let mut input = x;
                 for (state, share) in states.iter_mut().zip(&shares).filter(|_| x.is_finite()) {
                     *state = if state.is_nan() { input } else { *state + share * (input - *state) };
                     input = *state;
                 }
                 // The start is not in equilibrium: self-heating, and a lag that does not know what was before.
-                if k % 20 == 0 && k > settle && hz.is_finite() && x.is_finite() {
+                if k % 20 == 0 && k - begun > settle && hz.is_finite() && x.is_finite() {
                     frequency_hz.push(*hz);
                     temperature_c.push(input);
                 }
@@ -579,6 +585,7 @@ fn lagged_fit(runs: &[Steps], sensors: &[Vec<f32>], a: usize, tau: f64) -> Resul
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hrg_data::recording::Recording;
     use hrg_simulate::{Plan, Profile};
 
     #[test]
@@ -603,6 +610,32 @@ mod tests {
                     assert!(spread < 0.08 * span, "{profile}, unit {unit}, axis {a}: {spread} C over {span} C");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn a_gap_does_not_change_how_the_resonators_follow_their_cases() {
+        let recording = Plan::of(Profile::parse("cycle").expect("named"), 5, 3).simulate().recording;
+        let of = |text: &str| {
+            let mut r = Recording::parse(text.as_bytes()).expect("readable");
+            r.clean().expect("usable");
+            from_steps(&[Steps::new(&r).expect("long enough")]).expect("curves")
+        };
+        let text = recording.to_csv();
+        let whole = of(&text);
+        // Within a ramp: the case is somewhere else behind it.
+        let lost = |line: &&str| {
+            let time = line.split(',').next().and_then(|t| t.parse::<f64>().ok());
+            time.is_some_and(|t| (4000.0..6500.0).contains(&t))
+        };
+        let rest: String = text.lines().filter(|l| !lost(l)).map(|l| format!("{l}\n")).collect();
+        let torn = of(&rest);
+        assert_eq!(torn.reference, Reference::Case);
+        for a in 0..AXES {
+            let middle_hz = whole.curves[a].frequency_centre_hz;
+            let apart = whole.curves[a].temperature_c(middle_hz) - torn.curves[a].temperature_c(middle_hz);
+            let lags = torn.lag_s[a] / whole.lag_s[a];
+            assert!((0.9..1.1).contains(&lags) && apart.abs() < 0.1, "axis {a}: {lags}, {apart} C");
         }
     }
 

@@ -63,14 +63,22 @@ impl<'m> Cursor<'m> {
     }
 }
 
-/// Time and values of a message.
-fn imu<'m>(c: &mut Cursor<'m>) -> Option<([f64; 4], &'m [u8])> {
+/// Time, rates and accelerations of a message.
+fn imu<'m>(c: &mut Cursor<'m>) -> Option<([f64; 7], &'m [u8])> {
     let (time, frame) = c.header()?;
+    let mut next = || c.f64();
     // Orientation, and its covariance.
     for _ in 0..4 + 9 {
-        c.f64()?;
+        next()?;
     }
-    Some(([time, c.f64()?, c.f64()?, c.f64()?], frame))
+    let [x, y, z] = [next()?, next()?, next()?];
+    for _ in 0..9 {
+        next()?;
+    }
+    let accelerations = [next()?, next()?, next()?];
+    // (A covariance that begins with -1: the unit has no accelerometers.)
+    let [ax, ay, az] = if next()? < 0.0 { [f64::NAN; 3] } else { accelerations };
+    Some(([time, x, y, z, ax, ay, az], frame))
 }
 
 fn temperature(c: &mut Cursor<'_>) -> Option<[f64; 2]> {
@@ -80,7 +88,7 @@ fn temperature(c: &mut Cursor<'_>) -> Option<[f64; 2]> {
 /// Rows of each topic.
 #[derive(Default)]
 struct Bag {
-    imus: BTreeMap<String, Vec<[f64; 4]>>,
+    imus: BTreeMap<String, Vec<[f64; 7]>>,
     temperatures: BTreeMap<String, Vec<[f64; 2]>>,
     others: BTreeMap<String, String>,
     /// The first frame of each topic with an IMU.
@@ -97,7 +105,7 @@ impl Bag {
         let cursor = Cursor::new(encoding, data);
         match schema.rsplit('/').next() {
             Some("Imu") if schema.starts_with("sensor_msgs") => match cursor.and_then(|mut c| imu(&mut c)) {
-                Some(([t, x, y, z], frame)) => {
+                Some((mut row, frame)) => {
                     // (Several IMUs may share a topic, each with its frame.)
                     let first = self.frames.entry(topic.to_string()).or_insert_with(|| frame.to_vec());
                     let own = if first == frame {
@@ -105,7 +113,8 @@ impl Bag {
                     } else {
                         format!("{topic} ({})", String::from_utf8_lossy(frame))
                     };
-                    self.imus.entry(own).or_default().push([timed(t), x, y, z]);
+                    row[0] = timed(row[0]);
+                    self.imus.entry(own).or_default().push(row);
                 }
                 None => self.unread += 1,
             },
@@ -176,7 +185,7 @@ fn nearest<'t>(imu: &str, topics: impl Iterator<Item = &'t String>) -> Option<&'
     topics.max_by_key(|t| common(t))
 }
 
-/// Reads the columns that a map wants: `time` (seconds since 1970), `x`, `y`, `z` (rad/s), `temperature` (C).
+/// Reads the columns that a map wants: `time` (seconds since 1970), `x`, `y`, `z` (rad/s), `ax`, `ay`, `az` (m/s^2), `temperature` (C).
 ///
 /// # Errors
 /// One sentence: no bag, or none with an IMU, with the topics that it has.
@@ -200,7 +209,12 @@ pub fn read(bytes: &[u8], map: &Map) -> Result<Table, BadInput> {
     };
     let times: Vec<f64> = rows.iter().map(|r| r[0]).collect();
     let mut all = vec![("time".to_string(), times.clone())];
-    all.extend(["x", "y", "z"].iter().zip(1..).map(|(n, k)| (n.to_string(), rows.iter().map(|r| r[k]).collect())));
+    let column = |(n, k): (&str, usize)| (n.to_string(), rows.iter().map(|r| r[k]).collect::<Vec<f64>>());
+    all.extend(["x", "y", "z"].into_iter().zip(1..).map(column));
+    // (Zeros alone are of a unit without accelerometers, too.)
+    if rows.iter().any(|r| r[4..].iter().any(|v| v.is_finite() && *v != 0.0)) {
+        all.extend(["ax", "ay", "az"].into_iter().zip(4..).map(column));
+    }
     let from = if let Some(thermometer) = nearest(topic, bag.temperatures.keys()) {
         let rows = &bag.temperatures[thermometer];
         let (own, values): (Vec<f64>, Vec<f64>) = rows.iter().map(|r| (r[0], r[1])).unzip();
@@ -228,6 +242,7 @@ pub fn read(bytes: &[u8], map: &Map) -> Result<Table, BadInput> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::recording::Recording;
     use std::collections::BTreeMap;
 
     /// A message in CDR, little-endian.
@@ -273,7 +288,12 @@ mod tests {
                 let c = Cdr::new().header(ms);
                 let c = match n {
                     2 => c.numbers(&[20.0 + f64::from(k), 0.0]),
-                    _ => c.numbers(&[[0.0; 13].as_slice(), &[rate, -rate, n as f64], &[0.0; 21]].concat()),
+                    // (The first IMU has no accelerometers.)
+                    _ => {
+                        let gravity = [0.0, 0.0, 9.8 * n as f64];
+                        let rates = [rate, -rate, n as f64];
+                        c.numbers(&[[0.0; 13].as_slice(), &rates, &[0.0; 9], &gravity, &[0.0; 9]].concat())
+                    }
                 };
                 let header = mcap::records::MessageHeader {
                     channel_id: *id,
@@ -306,6 +326,9 @@ mod tests {
             assert!((r.time_s[1] - 0.01).abs() < 1e-6 && (r.rate_dph[2][0] - 206_264.806_247).abs() < 1e-3);
             assert!((r.rate_dph[1][100] + 0.1 * 206_264.806_247).abs() < 1e-3);
             assert!(r.notes.iter().any(|n| n.contains("other IMUs: 0 (/a/imu)")), "{:?}", r.notes);
+            let force = |r: &Recording| r.column("force_z_mps2").map(|f| f[7]);
+            assert_eq!(force(&r), Some(9.8));
+            assert_eq!(force(&crate::recording::import::read(&path, &map(0)).expect("fits")), None);
         }
     }
 

@@ -250,6 +250,9 @@ impl<'a> Recording<'a> {
     }
 }
 
+/// Silence after which a person is told of it: a unit sends its housekeeping each second.
+const QUIET: Duration = Duration::from_secs(10);
+
 /// `hrg record --port`.
 pub fn record_port(port: &str, out: &Path, seconds: Option<u64>, arguments: &RecordArguments) -> Result<()> {
     record_until(port, out, arguments, |rows| Ok(seconds.is_some_and(|s| rows >= s))).map(drop)
@@ -268,13 +271,14 @@ pub fn record_until(
     let mut recording = Recording::start(&mut unit, port, out, arguments)?;
     let start = Instant::now();
     let mut lost: Option<Instant> = None;
+    let (mut heard, mut told) = (start, false);
     let mut finished = enough(recording.recorder.rows())?;
     while !finished && !stop.load(Ordering::Relaxed) {
         // (A cable that is out shows in what comes.)
         let _ = recording.send_inputs(&mut unit);
         match unit.next(Duration::from_millis(if recording.feed.is_some() { 100 } else { 500 })) {
             Ok(Some(Message::Housekeeping(h))) => {
-                lost = None;
+                (lost, heard, told) = (None, Instant::now(), false);
                 recording.second(&mut unit, &h)?;
                 finished = enough(recording.recorder.rows())?;
                 let recorder = &recording.recorder;
@@ -293,7 +297,14 @@ pub fn record_until(
             }
             Ok(Some(Message::InputsUsed(used))) => recording.recorder.take_inputs(used),
             Ok(Some(Message::Increments(frame))) => recording.recorder.take_increments(&frame),
-            Ok(_) => {}
+            Ok(_) if told || heard.elapsed() < QUIET => {}
+            Ok(_) => {
+                told = true;
+                eprintln!(
+                    "{port}: nothing to record has come for {} s: the unit is silent, or it sends MAVLink (docs/navigator.md); waiting for it, Ctrl-C ends",
+                    QUIET.as_secs()
+                );
+            }
             Err(e) => {
                 // The cable is out: wait for it, the file stays open.
                 let since = lost.get_or_insert_with(Instant::now).elapsed();

@@ -110,12 +110,15 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let recordings = facts.load(&recordings)?;
     let of_sensors = recordings.iter().all(|r| r.thermometer.is_sensor());
     let known = known_curves(curve.as_deref(), prior.is_some() && !of_sensors)?;
-    let prepared = fit::prepare_with(&recordings, units(different_units), known)?;
+    let mut prepared = fit::prepare_with(&recordings, units(different_units), known)?;
     let options = hrg_papers::method::Options { seed, uniform, breakpoint_c: breakpoint, degree };
     let (mut by, mut about, mut image) = (method.to_string(), Vec::new(), None);
     if let Some(family) = prior.as_deref().map(hrg::fleet::read_family).transpose()? {
-        (image, about) = under(&family, &family.prepare(&recordings, units(different_units))?)?;
-        by = if image.is_some() { format!("the family {}", family.name) } else { by };
+        let of_family = family.prepare(&recordings, units(different_units))?;
+        (image, about) = under(&family, &of_family)?;
+        if image.is_some() {
+            (by, prepared) = (format!("the family {}", family.name), of_family);
+        }
     }
     let identified =
         || with_a_bar(&format!("fitting by {method}"), || methods::identify_with(&prepared, method, &options));
