@@ -113,7 +113,7 @@ columns! {
     BIAS: axes!("bias_", "_dph"), "deg/h", Format::Exact, Role::Computed,
         "no; a unit's own", "bias that the unit computed at the end of the row";
     BIAS_STD: axes!("bias_std_", "_dph"), "deg/h", Format::Exact, Role::Computed,
-        "no; a unit's own", "standard uncertainty of that bias; learnt from one train run, it does not hold the constant that changes with each power-on";
+        "no; a unit's own", "standard uncertainty of that bias; learnt from one train run and without a family, it does not hold the constant that changes with each power-on";
     TEMPERATURE: axes!("temperature_", "_c"), "C", Format::Exact, Role::Computed,
         "no; a unit's own", "temperature that the unit computed";
     STATUS: axes!("status_", ""), "bits", Format::Bits, Role::Status,

@@ -6,7 +6,7 @@
 //! A unit belongs unless its runs are more probable under what they say by themselves than under the family, at the odds of any claim. By itself a unit has a prior with the weight of
 //! one row of its own data about what was found (Kass and Wasserman 1995): it costs each free coefficient half the logarithm of the rows.
 
-use super::{Family, OfAxis};
+use super::{population, Family, OfAxis};
 use crate::fit::{states_of, Prepared};
 use crate::matrices::{log_determinant, symmetric};
 use crate::trace::data::{AxisRows, Data};
@@ -131,8 +131,13 @@ impl Family {
                 BadInput(format!("the family {} has no such axis; learn it from units that have it", self.name))
             })?;
             let count = columns.values.len() - days;
-            let mut found = under(&data.axes[a], &columns.values[..count], axis)
-                .ok_or_else(|| BadInput::new("the equations are singular; record a longer run"))?;
+            let under = |scale: f64| under(&data.axes[a], &columns.values[..count], axis, scale);
+            let mut found =
+                under(1.0).ok_or_else(|| BadInput::new("the equations are singular; record a longer run"))?;
+            // Whether it belongs is a matter of the tails, which are Student's: the fewer units, the longer.
+            let scales = population::scales_of_a_new_unit(self.sources.len());
+            let logs: Vec<f64> = scales.into_iter().filter_map(|s| Some(under(s)?.evidence)).collect();
+            found.evidence = log_sum(&logs) - (logs.len() as f64).ln();
             let widen = |c: &DMatrix<f64>| c.clone().resize(count + days, count + days, 0.0);
             found.coefficients = found.coefficients.resize_vertically(count + days, 0.0);
             found.covariance = widen(&found.covariance);
@@ -219,8 +224,9 @@ pub fn absolute(found: &Posterior, rows: usize, count: usize) -> f64 {
     found.evidence - 0.5 * free * (log_turn + 1.0) - 0.5 * (count as f64 * (log_turn + (rows as f64).ln()) + spread)
 }
 
-/// The coefficients of an axis for another day under a family, with the log evidence of its rows. `columns`: without those of the days.
-fn under(rows: &AxisRows, columns: &[Vec<f64>], axis: &OfAxis) -> Option<Posterior> {
+/// The coefficients of an axis for another day under a family, with the log evidence of its rows. `columns`: without those of the days; `scale`: factor of
+/// the covariance between units.
+fn under(rows: &AxisRows, columns: &[Vec<f64>], axis: &OfAxis, scale: f64) -> Option<Posterior> {
     let (p, runs, population) = (columns.len(), rows.starts.len(), &axis.population);
     if population.mean.len() != p {
         return None;
@@ -230,7 +236,8 @@ fn under(rows: &AxisRows, columns: &[Vec<f64>], axis: &OfAxis) -> Option<Posteri
     let blocks = if several { runs + 1 } else { 1 };
     let (mut mean, mut prior) = (DVector::zeros(p * blocks), DMatrix::zeros(p * blocks, p * blocks));
     mean.rows_mut(0, p).copy_from(&population.mean);
-    let first = if several { population.between.clone() } else { &population.between + days };
+    let between = &population.between * scale;
+    let first = if several { between } else { between + days };
     prior.view_mut((0, 0), (p, p)).copy_from(&first);
     let mut all = columns.to_vec();
     if several {
@@ -413,6 +420,22 @@ mod tests {
         assert!(Family::from_json("{}").expect_err("none").0.contains("hrg family"));
         let few = vec![vec![run("cycle", 1, 1, 0.0)]; 1];
         assert!(Family::learn("few", few).expect_err("too few").0.contains("needs 4 units"));
+    }
+
+    #[test]
+    fn a_unit_that_is_none_of_the_others_or_has_the_data_of_one_is_left_out() {
+        let mut units: Vec<Vec<Recording>> = (1..=6).map(|seed| vec![run("cycle", 1, seed, 0.1)]).collect();
+        let mut exchanged = run("cycle", 1, 9, 0.1);
+        exchanged.rate_dph[0].iter_mut().for_each(|v| *v = -*v);
+        let mut copy = units[0][0].clone();
+        copy.set_meta("unit", "HRG-8");
+        units.insert(2, vec![exchanged]);
+        units.push(vec![copy]);
+        let Learnt { family, left_out, unlike } = Family::learn("test", units).expect("a family");
+        let named: Vec<(&str, &str)> = left_out.iter().map(|l| (l.unit.as_str(), l.why.as_str())).collect();
+        assert!(family.sources.len() == 6 && unlike.is_empty(), "{named:?} {unlike:?}");
+        assert!(named[0].0 == "HRG-8" && named[0].1.contains("same data as one of the unit HRG-1"), "{named:?}");
+        assert!(named[1].0 == "HRG-9" && named[1].1.contains("axis x above all"), "{named:?}");
     }
 
     /// Adds a play of a width of 12 C to the rates of a run, begun on a branch.

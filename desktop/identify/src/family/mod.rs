@@ -48,6 +48,14 @@ struct Proposal {
     variances_dph2: [Vec<f64>; AXES],
 }
 
+/// Comparison of models of a family: first the axes of runs that a model is held down by (a short run may hold a small one and not a large one), then
+/// the log density of the units that were left out.
+#[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
+struct Score {
+    told: usize,
+    log: f64,
+}
+
 /// Facts of a run about an axis.
 struct Told {
     of_run: OfRun,
@@ -158,7 +166,7 @@ impl States {
     }
 }
 
-/// A unit whose runs could not be used.
+/// A unit that is not in the family.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LeftOut {
     /// Its name.
@@ -167,7 +175,7 @@ pub struct LeftOut {
     pub why: String,
 }
 
-/// A unit of a family that the others do not resemble.
+/// A unit that a family of the others would not take for its own: a bad recording, or a unit of another design.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Unlike {
     /// Its name.
@@ -178,14 +186,25 @@ pub struct Unlike {
     pub log_odds: f64,
 }
 
+impl Unlike {
+    /// A sentence about it.
+    #[must_use]
+    pub fn sentence(&self) -> String {
+        format!(
+            "it is not like the others, axis {} above all (natural logarithm of the odds {:+.0}): look at its recordings; it may be of another design",
+            AXIS_NAMES[self.axis], self.log_odds
+        )
+    }
+}
+
 /// A family as it comes from its units.
 #[derive(Debug, Clone)]
 pub struct Learnt {
     /// The family.
     pub family: Family,
-    /// Units whose runs could not be used.
+    /// Units whose runs could not be used, or that the others do not resemble.
     pub left_out: Vec<LeftOut>,
-    /// Units that are in it, and that a family of the others would not take for its own: a bad recording, or a unit of another design.
+    /// Units that the others do not resemble and that are in it all the same: without them it would be one of half of the units.
     pub unlike: Vec<Unlike>,
 }
 
@@ -194,6 +213,12 @@ struct Ready {
     unit: String,
     prepared: Prepared,
     runs: Vec<SourceRun>,
+}
+
+impl Ready {
+    fn shares_data_with(&self, other: &Self) -> bool {
+        self.runs.iter().any(|r| other.runs.iter().any(|o| o.crc32 == r.crc32))
+    }
 }
 
 fn ready(recordings: &[Recording]) -> Result<Ready, LeftOut> {
@@ -226,16 +251,23 @@ pub fn by_unit(recordings: Vec<Recording>) -> Vec<Vec<Recording>> {
 }
 
 impl Family {
-    /// Learns a family from the recordings of its units. Units that cannot be used are left out, and named; so are those that the others do not resemble.
+    /// Learns a family from the recordings of its units. Units that cannot be used are left out, and named, one after the other so are those that a family of
+    /// the others would not take for its own, as long as more than half of the units remain.
     ///
     /// # Errors
     /// One sentence: too few units.
     pub fn learn(name: &str, units: Vec<Vec<Recording>>) -> Result<Learnt, BadInput> {
         let without_earth_rate = alike(units.iter().flatten())?;
-        let (mut there, mut left_out) = (Vec::new(), Vec::new());
+        let (mut there, mut left_out): (Vec<Ready>, Vec<LeftOut>) = (Vec::new(), Vec::new());
         for unit in side_by_side::each(units, |u| ready(&u)) {
             match unit {
-                Ok(unit) => there.push(unit),
+                Ok(unit) => match there.iter().find(|u| u.shares_data_with(&unit)) {
+                    Some(known) => {
+                        let why = format!("a recording of it has the same data as one of the unit {}", known.unit);
+                        left_out.push(LeftOut { unit: unit.unit, why });
+                    }
+                    None => there.push(unit),
+                },
                 Err(why) => left_out.push(why),
             }
         }
@@ -247,6 +279,23 @@ impl Family {
                 there.len()
             )));
         }
+        let fewest = population::FEWEST.max(there.len() / 2 + 1);
+        loop {
+            let family = Self::of(name, without_earth_rate, &there)?;
+            let unlike = family.unlike(&there);
+            // (One bad unit has good ones look bad: the worst goes first.)
+            let worst = unlike.iter().min_by(|x, y| x.1.log_odds.total_cmp(&y.1.log_odds));
+            let Some((place, worst)) = worst.filter(|_| there.len() > fewest) else {
+                let unlike = unlike.into_iter().map(|(_, u)| u).collect();
+                return Ok(Learnt { family, left_out, unlike });
+            };
+            left_out.push(LeftOut { unit: worst.unit.clone(), why: worst.sentence() });
+            there.remove(*place);
+        }
+    }
+
+    /// The family of units that are ready.
+    fn of(name: &str, without_earth_rate: bool, there: &[Ready]) -> Result<Self, BadInput> {
         let fold = |of: fn(&Prepared, usize) -> [f32; 2]| {
             let all = there.iter().flat_map(|r| present(&r.prepared).map(move |a| of(&r.prepared, a)));
             all.fold([f32::INFINITY, f32::NEG_INFINITY], |[l, h], [low, high]| [l.min(low), h.max(high)])
@@ -275,46 +324,42 @@ impl Family {
             let with = there.iter().filter(|r| present(&r.prepared).any(|p| p == a));
             let each: Vec<TemperatureCurve> = with.map(|r| r.prepared.calibration.axes[a].curve).collect();
             let resonators = each.iter().all(|c| !c.is_of_sensor());
+            // (A unit of a short run knows too little of its curve.)
+            let span = |c: &TemperatureCurve| f64::from(c.valid_to_c - c.valid_from_c);
+            let usual = median(&mut each.iter().map(span).collect::<Vec<_>>()).unwrap_or(0.0);
+            let each: Vec<TemperatureCurve> = each.into_iter().filter(|c| span(c) > 0.5 * usual).collect();
             // (Where all of them have been.)
             let low_c = each.iter().map(|c| c.valid_from_c).fold(f32::NEG_INFINITY, f32::max);
             let high_c = each.iter().map(|c| c.valid_to_c).fold(f32::INFINITY, f32::min);
             resonators.then(|| DesignCurve::of(&each, [low_c + 0.5, high_c - 0.5].map(f64::from))).flatten()
         });
         // Of the effects that are proposed those that best predict units which were left out.
-        let proposals = family.proposals(&there);
-        let mut best: Option<(f64, Self)> = None;
+        let proposals = family.proposals(there);
+        let mut best: Option<(Score, Self)> = None;
         let mut why = None;
         for proposal in &proposals {
-            match family.with(proposal, &there, curves) {
+            match family.with(proposal, there, curves) {
                 Ok((score, with)) if best.as_ref().is_none_or(|b| score > b.0) => best = Some((score, with)),
                 Ok(_) => {}
                 Err(e) => why = why.or(Some(e)),
             }
         }
-        let family = match (best, why) {
-            (Some((_, family)), _) => family,
-            (None, why) => return Err(why.unwrap_or_else(|| BadInput::new("no model holds the units' runs"))),
-        };
-        let unlike = family.unlike(&there);
-        Ok(Learnt { family, left_out, unlike })
+        match (best, why) {
+            (Some((_, family)), _) => Ok(family),
+            (None, why) => Err(why.unwrap_or_else(|| BadInput::new("no model holds the units' runs"))),
+        }
     }
 
-    /// The units that the others do not resemble, by the odds of [`member::Member::belongs`].
-    fn unlike(&self, units: &[Ready]) -> Vec<Unlike> {
-        let mut out: Vec<Unlike> = Vec::new();
-        for (a, axis) in self.axes.iter().enumerate() {
-            let Some(axis) = axis else { continue };
-            let with = units.iter().filter(|u| present(&u.prepared).any(|p| p == a));
-            for (unit, &log_odds) in with.zip(&axis.population.log_odds) {
-                let belongs = Evidence { family: log_odds, own: 0.0 }.belongs(present(&unit.prepared).count());
-                match out.iter_mut().find(|u| u.unit == unit.unit) {
-                    Some(known) if log_odds < known.log_odds => (known.axis, known.log_odds) = (a, log_odds),
-                    None if !belongs => out.push(Unlike { unit: unit.unit.clone(), axis: a, log_odds }),
-                    _ => {}
-                }
-            }
-        }
-        out
+    /// The units that the others do not resemble, by the odds of [`member::Member::belongs`], each with its place.
+    fn unlike(&self, units: &[Ready]) -> Vec<(usize, Unlike)> {
+        let of = |(k, unit): (usize, &Ready)| {
+            let odds = |a: usize| self.axes[a].as_ref().and_then(|x| x.population.log_odds.get(k).copied());
+            let each = (0..AXES).filter_map(|a| Some((a, odds(a)?))).filter(|(_, odds)| odds.is_finite());
+            let (axis, log_odds) = each.min_by(|x, y| x.1.total_cmp(&y.1))?;
+            let belongs = Evidence { family: log_odds, own: 0.0 }.belongs(present(&unit.prepared).count());
+            (!belongs).then(|| (k, Unlike { unit: unit.unit.clone(), axis, log_odds }))
+        };
+        units.iter().enumerate().filter_map(of).collect()
     }
 
     /// Effects that units side by side share: one run of each, the longest, and a baseline of each. First what the search finds, then the same with families
@@ -336,13 +381,13 @@ impl Family {
         out
     }
 
-    /// The family with these effects, and the log density of units which were left out under it.
+    /// The family with these effects, and its score.
     fn with(
         &self,
         proposal: &Proposal,
         units: &[Ready],
         curves: [Option<DesignCurve>; AXES],
-    ) -> Result<(f64, Self), BadInput> {
+    ) -> Result<(Score, Self), BadInput> {
         let mut family = Self { terms: proposal.terms.clone(), ..self.clone() };
         let specification = family.specification();
         let told = side_by_side::each(units.iter().collect(), |r: &Ready| {
@@ -354,9 +399,10 @@ impl Family {
         for (axis, to) in learnt.into_iter().zip(&mut family.axes) {
             *to = axis?;
         }
-        let of_noise = told.iter().flatten().flatten().flatten().map(|t| t.log_of_nothing).sum::<f64>();
+        let told: Vec<&Told> = told.iter().flatten().flatten().flatten().collect();
+        let of_noise = told.iter().map(|t| t.log_of_nothing).sum::<f64>();
         let of_units = family.axes.iter().flatten().map(|a| a.population.left_out).sum::<f64>();
-        Ok((of_noise + of_units, family))
+        Ok((Score { told: told.len(), log: of_noise + of_units }, family))
     }
 
     /// Makes the recordings of a unit ready for [`Self::member`]: its temperatures are those of the highest probability under the family's curves and
@@ -468,16 +514,21 @@ impl Family {
         let of_unit = |unit: &Vec<[Option<Told>; AXES]>| OfUnit {
             runs: unit.iter().filter_map(|r| r[a].as_ref().map(|r| r.of_run.clone())).collect(),
         };
-        let units: Vec<OfUnit> = told.iter().map(of_unit).filter(|u| !u.runs.is_empty()).collect();
+        let all: Vec<OfUnit> = told.iter().map(of_unit).collect();
+        let units: Vec<OfUnit> = all.iter().filter(|u| !u.runs.is_empty()).cloned().collect();
         let runs: Vec<&Told> = told.iter().flatten().filter_map(|r| r[a].as_ref()).collect();
         let Some(first) = runs.first() else { return Ok(None) };
-        let population = Population::learn(&units, variances_dph2).ok_or_else(|| {
+        let mut population = Population::learn(&units, variances_dph2).ok_or_else(|| {
             BadInput(format!(
                 "axis {}: {} units are too few for a family, or their runs do not hold its model down",
                 AXIS_NAMES[a],
                 units.len()
             ))
         })?;
+        // (One number for each unit, whether it has this axis or not.)
+        let mut odds = population.log_odds.into_iter();
+        let of_one = |u: &OfUnit| if u.runs.is_empty() { None } else { odds.next() }.unwrap_or(f64::NAN);
+        population.log_odds = all.iter().map(of_one).collect();
         let of = |f: fn(&NoiseFacts) -> f64| {
             median(&mut runs.iter().map(|r| f(&r.noise)).collect::<Vec<_>>()).unwrap_or(0.0)
         };

@@ -59,7 +59,8 @@ pub struct Population {
     pub shrinkage: f64,
     /// Log likelihood of the units, each under a population that was learnt without it, up to what does not depend on the model.
     pub left_out: f64,
-    /// Of each unit: natural logarithm of the odds of that against what its runs say by themselves. Empty where it was read from a file.
+    /// Of each unit: natural logarithm of the odds of that against what its runs say by themselves; no number for a unit whose runs say nothing. Empty where it
+    /// was read from a file.
     pub log_odds: Vec<f64>,
 }
 
@@ -124,19 +125,19 @@ impl Basis {
         OfRun { information: symmetrised(&information), product: self.back.transpose() * &run.product, rows: run.rows }
     }
 
-    /// A population of those coefficients as one of the model's. `left_out`: log likelihood of each unit under a population without it.
-    fn population(&self, of: &InBasis, units: &[OfUnit], (left_out, shrinkage): (Vec<f64>, f64)) -> Option<Population> {
+    /// A population of those coefficients as one of the model's.
+    fn population(&self, of: &InBasis, units: &[OfUnit], left_out: &LeftOut) -> Option<Population> {
         let made = of.made()?;
         let alone = |u: &OfUnit| of.alone(&made, u, self);
         let log_odds =
-            left_out.iter().zip(units).map(|(with, u)| Some(with - alone(u)?)).collect::<Option<Vec<f64>>>()?;
+            left_out.logs.iter().zip(units).map(|(with, u)| Some(with - alone(u)?)).collect::<Option<Vec<f64>>>()?;
         let covariance = |c: &DMatrix<f64>| symmetrised(&(&self.back * c * self.back.transpose()));
         Some(Population {
             mean: &self.back * &of.mean,
             between: covariance(&of.between),
             days: covariance(&bounded(&DMatrix::from_diagonal(&of.days), &self.precision)?),
-            shrinkage,
-            left_out: left_out.iter().sum(),
+            shrinkage: left_out.weight,
+            left_out: left_out.sum(),
             log_odds,
         })
     }
@@ -331,12 +332,17 @@ impl InBasis {
     }
 
     /// The population for a unit that it was not learnt from: mean and variances of `n` units are uncertain themselves, and the predictive
-    /// distribution is Student's with the variance (n + 1) / (n - 3) times theirs (n / 2 where there are few).
+    /// distribution is Student's ([`possible_scales`]); it stands here with its variance.
     fn of_a_new_unit(mut self, n: usize) -> Self {
-        let n = n as f64;
-        self.between *= (n + 1.0) / (n - 3.0).max(0.5 * n);
+        self.between *= variance_of_a_new_unit(n);
         self
     }
+}
+
+/// Variance of Student's predictive distribution over that of `n` units (four at the least).
+fn variance_of_a_new_unit(n: usize) -> f64 {
+    let n = n as f64;
+    (n + 1.0) / (n - 3.0).max(1.0)
 }
 
 impl Population {
@@ -350,12 +356,12 @@ impl Population {
         let in_basis = |u: &OfUnit| OfUnit { runs: u.runs.iter().map(|r| basis.of_run(r)).collect() };
         let units: Vec<OfUnit> = units.iter().map(in_basis).collect();
         let p = units.first()?.runs.first()?.product.len() as f64;
-        let scored = side_by_side::each(WEIGHTS.to_vec(), |w| Some((left_out(&units, &basis, w * p)?, w * p)));
-        let log = |x: &(Vec<f64>, f64)| x.0.iter().sum::<f64>();
-        let best = scored.into_iter().flatten().max_by(|x, y| log(x).total_cmp(&log(y)))?;
+        let scored = side_by_side::each(WEIGHTS.to_vec(), |w| LeftOut::new(&units, &basis, w * p));
+        let best = scored.into_iter().flatten().max_by(|x, y| x.sum().total_cmp(&y.sum()))?;
         let all: Vec<&OfUnit> = units.iter().collect();
-        let learnt = InBasis::with_weight(&all, &basis, best.1)?.of_a_new_unit(units.len());
-        basis.population(&learnt, &units, best)
+        let mut learnt = InBasis::with_weight(&all, &basis, best.weight)?.of_a_new_unit(units.len());
+        learnt.between *= best.wider;
+        basis.population(&learnt, &units, &best)
     }
 }
 
@@ -365,30 +371,59 @@ const EIGHTHS: [f64; 8] = [-1.534, -0.887, -0.489, -0.157, 0.157, 0.489, 0.887, 
 /// Factors by which the covariance of a new unit may differ from that of the `n` units it was learnt from, each as probable: with them a normal
 /// distribution becomes Student's with n - 1 degrees of freedom (quantiles of chi squared by Wilson and Hilferty 1931).
 fn possible_scales(n: usize) -> [f64; 8] {
-    let freedom = n as f64 - 1.0;
-    let of_mean = 1.0 + 1.0 / n as f64;
-    let c = 2.0 / (9.0 * freedom);
+    let n = n as f64;
+    let of_mean = (n + 1.0) / (n - 1.0);
+    let c = 2.0 / (9.0 * (n - 1.0));
     EIGHTHS.map(|z| of_mean / (1.0 - c + z * c.sqrt()).max(0.1).powi(3))
 }
 
-/// Log likelihood of each unit under a population that was learnt without it and the others of its part.
-fn left_out(units: &[OfUnit], basis: &Basis, weight: f64) -> Option<Vec<f64>> {
-    let parts = if units.len() < 2 * PARTS { units.len() } else { PARTS };
-    let mut out = vec![0.0; units.len()];
-    for part in 0..parts {
-        let rest: Vec<&OfUnit> = units.iter().enumerate().filter(|(k, _)| k % parts != part).map(|(_, u)| u).collect();
-        let learnt = InBasis::with_weight(&rest, basis, weight)?;
-        let scaled = possible_scales(rest.len()).map(|scale| {
-            let one = InBasis { between: &learnt.between * scale, ..learnt.clone() };
-            Some((one.made()?, one))
-        });
-        for k in (part..units.len()).step_by(parts) {
-            let log = |x: &Option<(Made, InBasis)>| Some(x.as_ref()?.1.expect(&x.as_ref()?.0, &units[k])?.likelihood);
-            let logs = scaled.iter().map(log).collect::<Option<Vec<f64>>>()?;
-            out[k] = log_sum(&logs) - (logs.len() as f64).ln();
-        }
+/// The same over what a population has in it for a new unit.
+pub(super) fn scales_of_a_new_unit(n: usize) -> [f64; 8] {
+    possible_scales(n).map(|s| s / variance_of_a_new_unit(n))
+}
+
+/// Factors by which the covariance between the units that were left out may be larger than that of the others: what fewer units than coefficients have in
+/// common is taken for narrower than it is.
+const WIDER: [f64; 8] = [0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0];
+
+/// Prediction of units that were left out.
+struct LeftOut {
+    /// Log likelihood of each unit under a population that was learnt without it and the others of its part.
+    logs: Vec<f64>,
+    /// The weight of the diagonal, in units, and the factor by which the covariance is wider.
+    weight: f64,
+    wider: f64,
+}
+
+impl LeftOut {
+    fn sum(&self) -> f64 {
+        self.logs.iter().sum()
     }
-    Some(out)
+
+    /// The best over the factors.
+    fn new(units: &[OfUnit], basis: &Basis, weight: f64) -> Option<Self> {
+        let parts = if units.len() < 2 * PARTS { units.len() } else { PARTS };
+        let mut each: Vec<Self> =
+            WIDER.iter().map(|wider| Self { logs: vec![0.0; units.len()], weight, wider: *wider }).collect();
+        for part in 0..parts {
+            let rest: Vec<&OfUnit> =
+                units.iter().enumerate().filter(|(k, _)| k % parts != part).map(|(_, u)| u).collect();
+            let learnt = InBasis::with_weight(&rest, basis, weight)?;
+            for to in &mut each {
+                let scaled = possible_scales(rest.len()).map(|scale| {
+                    let one = InBasis { between: &learnt.between * (scale * to.wider), ..learnt.clone() };
+                    Some((one.made()?, one))
+                });
+                for k in (part..units.len()).step_by(parts) {
+                    let log =
+                        |x: &Option<(Made, InBasis)>| Some(x.as_ref()?.1.expect(&x.as_ref()?.0, &units[k])?.likelihood);
+                    let logs = scaled.iter().map(log).collect::<Option<Vec<f64>>>()?;
+                    to.logs[k] = log_sum(&logs) - (logs.len() as f64).ln();
+                }
+            }
+        }
+        each.into_iter().max_by(|x, y| x.sum().total_cmp(&y.sum()))
+    }
 }
 
 #[cfg(test)]

@@ -250,7 +250,7 @@ impl<'a> Recording<'a> {
     }
 }
 
-/// Silence after which a person is told of it: a unit sends its housekeeping each second.
+/// Time without any housekeeping after which a person is told: a unit sends it each second.
 const QUIET: Duration = Duration::from_secs(10);
 
 /// `hrg record --port`.
@@ -271,14 +271,14 @@ pub fn record_until(
     let mut recording = Recording::start(&mut unit, port, out, arguments)?;
     let start = Instant::now();
     let mut lost: Option<Instant> = None;
-    let (mut heard, mut told) = (start, false);
+    let (mut received, mut told) = (start, false);
     let mut finished = enough(recording.recorder.rows())?;
     while !finished && !stop.load(Ordering::Relaxed) {
         // (A cable that is out shows in what comes.)
         let _ = recording.send_inputs(&mut unit);
         match unit.next(Duration::from_millis(if recording.feed.is_some() { 100 } else { 500 })) {
             Ok(Some(Message::Housekeeping(h))) => {
-                (lost, heard, told) = (None, Instant::now(), false);
+                (lost, received, told) = (None, Instant::now(), false);
                 recording.second(&mut unit, &h)?;
                 finished = enough(recording.recorder.rows())?;
                 let recorder = &recording.recorder;
@@ -297,11 +297,11 @@ pub fn record_until(
             }
             Ok(Some(Message::InputsUsed(used))) => recording.recorder.take_inputs(used),
             Ok(Some(Message::Increments(frame))) => recording.recorder.take_increments(&frame),
-            Ok(_) if told || heard.elapsed() < QUIET => {}
+            Ok(_) if told || received.elapsed() < QUIET => {}
             Ok(_) => {
                 told = true;
                 eprintln!(
-                    "{port}: nothing to record has come for {} s: the unit is silent, or it sends MAVLink (docs/navigator.md); waiting for it, Ctrl-C ends",
+                    "{port}: nothing to record has come for {} s: the unit sends nothing, or it sends MAVLink (docs/navigator.md); waiting for it, Ctrl-C ends",
                     QUIET.as_secs()
                 );
             }

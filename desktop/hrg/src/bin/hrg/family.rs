@@ -60,10 +60,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         print_parts(&family, &longest)?;
     }
     for u in &unlike {
-        println!(
-            "note: the unit {} is in the family and is not like the others, axis {} above all (log odds {:+.0}): look at its recordings, or learn without it",
-            u.unit, AXIS_NAMES[u.axis], u.log_odds
-        );
+        println!("note: the unit {} is in the family: {}", u.unit, u.sentence());
     }
     for left in &left_out {
         println!("note: the unit {} is left out: {}", left.unit, left.why);
