@@ -134,7 +134,7 @@ impl Family {
             let under = |scale: f64| under(&data.axes[a], &columns.values[..count], axis, scale);
             let mut found =
                 under(1.0).ok_or_else(|| BadInput::new("the equations are singular; record a longer run"))?;
-            // Whether it belongs is a matter of the tails, which are Student's: the fewer units, the longer.
+            // (Membership is a matter of the tails, which are Student's: the fewer units, the longer.)
             let scales = population::scales_of_a_new_unit(self.sources.len());
             let logs: Vec<f64> = scales.into_iter().filter_map(|s| Some(under(s)?.evidence)).collect();
             found.evidence = log_sum(&logs) - (logs.len() as f64).ln();
