@@ -248,7 +248,6 @@ impl Family {
                 mean: DVector::from_column_slice(&facts.mean),
                 between,
                 days,
-                shrinkage: 0.0,
                 left_out: 0.0,
                 log_odds: Vec::new(),
             };

@@ -55,8 +55,6 @@ pub struct Population {
     pub between: DMatrix<f64>,
     /// Covariance from day to day.
     pub days: DMatrix<f64>,
-    /// Weight of the diagonal that was chosen, in units.
-    pub shrinkage: f64,
     /// Log likelihood of the units, each under a population that was learnt without it, up to what does not depend on the model.
     pub left_out: f64,
     /// Of each unit: natural logarithm of the odds of that against what its runs say by themselves; no number for a unit whose runs say nothing. Empty where it
@@ -126,7 +124,7 @@ impl Basis {
     }
 
     /// A population of those coefficients as one of the model's.
-    fn population(&self, of: &InBasis, units: &[OfUnit], left_out: &LeftOut) -> Option<Population> {
+    fn population(&self, of: &InBasis, units: &[OfUnit], left_out: &Prediction) -> Option<Population> {
         let made = of.made()?;
         let alone = |u: &OfUnit| of.alone(&made, u, self);
         let log_odds =
@@ -136,7 +134,6 @@ impl Basis {
             mean: &self.back * &of.mean,
             between: covariance(&of.between),
             days: covariance(&bounded(&DMatrix::from_diagonal(&of.days), &self.precision)?),
-            shrinkage: left_out.weight,
             left_out: left_out.sum(),
             log_odds,
         })
@@ -331,15 +328,15 @@ impl InBasis {
         Some(Self { mean, between, days })
     }
 
-    /// The population for a unit that it was not learnt from: mean and variances of `n` units are uncertain themselves, and the predictive
-    /// distribution is Student's ([`possible_scales`]); it stands here with its variance.
-    fn of_a_new_unit(mut self, n: usize) -> Self {
-        self.between *= variance_of_a_new_unit(n);
+    /// With a covariance from unit to unit that is wider by a factor.
+    fn wider(mut self, factor: f64) -> Self {
+        self.between *= factor;
         self
     }
 }
 
-/// Variance of Student's predictive distribution over that of `n` units (four at the least).
+/// Variance of a new unit over that of the `n` units (four at the least) that a population was learnt from: their mean and variances are uncertain
+/// themselves, and the predictive distribution is Student's ([`possible_scales`]).
 fn variance_of_a_new_unit(n: usize) -> f64 {
     let n = n as f64;
     (n + 1.0) / (n - 3.0).max(1.0)
@@ -356,11 +353,11 @@ impl Population {
         let in_basis = |u: &OfUnit| OfUnit { runs: u.runs.iter().map(|r| basis.of_run(r)).collect() };
         let units: Vec<OfUnit> = units.iter().map(in_basis).collect();
         let p = units.first()?.runs.first()?.product.len() as f64;
-        let scored = side_by_side::each(WEIGHTS.to_vec(), |w| LeftOut::new(&units, &basis, w * p));
+        let scored = side_by_side::each(WEIGHTS.to_vec(), |w| Prediction::new(&units, &basis, w * p));
         let best = scored.into_iter().flatten().max_by(|x, y| x.sum().total_cmp(&y.sum()))?;
         let all: Vec<&OfUnit> = units.iter().collect();
-        let mut learnt = InBasis::with_weight(&all, &basis, best.weight)?.of_a_new_unit(units.len());
-        learnt.between *= best.wider;
+        let learnt = InBasis::with_weight(&all, &basis, best.weight)?;
+        let learnt = learnt.wider(variance_of_a_new_unit(units.len())).wider(best.wider);
         basis.population(&learnt, &units, &best)
     }
 }
@@ -387,7 +384,7 @@ pub(super) fn scales_of_a_new_unit(n: usize) -> [f64; 8] {
 const WIDER: [f64; 8] = [0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0];
 
 /// Prediction of units that were left out.
-struct LeftOut {
+struct Prediction {
     /// Log likelihood of each unit under a population that was learnt without it and the others of its part.
     logs: Vec<f64>,
     /// The weight of the diagonal, in units, and the factor by which the covariance is wider.
@@ -395,7 +392,7 @@ struct LeftOut {
     wider: f64,
 }
 
-impl LeftOut {
+impl Prediction {
     fn sum(&self) -> f64 {
         self.logs.iter().sum()
     }
@@ -410,14 +407,14 @@ impl LeftOut {
                 units.iter().enumerate().filter(|(k, _)| k % parts != part).map(|(_, u)| u).collect();
             let learnt = InBasis::with_weight(&rest, basis, weight)?;
             for to in &mut each {
-                let scaled = possible_scales(rest.len()).map(|scale| {
-                    let one = InBasis { between: &learnt.between * (scale * to.wider), ..learnt.clone() };
+                let scaled = |scale: f64| {
+                    let one = learnt.clone().wider(scale * to.wider);
                     Some((one.made()?, one))
-                });
+                };
+                let each = possible_scales(rest.len()).into_iter().map(scaled).collect::<Option<Vec<_>>>()?;
                 for k in (part..units.len()).step_by(parts) {
-                    let log =
-                        |x: &Option<(Made, InBasis)>| Some(x.as_ref()?.1.expect(&x.as_ref()?.0, &units[k])?.likelihood);
-                    let logs = scaled.iter().map(log).collect::<Option<Vec<f64>>>()?;
+                    let log = |(made, one): &(Made, InBasis)| Some(one.expect(made, &units[k])?.likelihood);
+                    let logs = each.iter().map(log).collect::<Option<Vec<f64>>>()?;
                     to.logs[k] = log_sum(&logs) - (logs.len() as f64).ln();
                 }
             }

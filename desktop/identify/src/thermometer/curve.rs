@@ -321,7 +321,8 @@ impl Pairs {
                 missing = if x.is_finite() { 0.0 } else { missing + 1.0 };
                 if missing > BRIDGE_S {
                     // Behind such a gap the lags begin anew.
-                    (begun, states) = (k, vec![f64::NAN; shares.len()]);
+                    begun = k;
+                    states.fill(f64::NAN);
                 }
                 let mut input = x;
                 for (state, share) in states.iter_mut().zip(&shares).filter(|_| x.is_finite()) {

@@ -312,7 +312,7 @@ pub fn record_until(
                 bar.tick();
                 std::thread::sleep(Duration::from_millis(250));
                 if let Some(again) = recording.again()? {
-                    unit = again;
+                    (unit, received) = (again, Instant::now());
                 }
             }
         }
