@@ -154,16 +154,7 @@ impl Recording {
         self.order()?;
         let (mut found, step) = self.defects_taken_out();
         self.movement_taken_out(&mut found, step);
-        let gaps = self.time_s.windows(2).filter(|w| w[1] - w[0] > 1.5 * step + 1e-9).count();
-        if gaps > 0 {
-            let longest = self.time_s.windows(2).map(|w| w[1] - w[0]).fold(0.0, f64::max);
-            let after = if longest > BRIDGE_S {
-                format!("; rates of the {BRIDGE_S:.0} s behind a gap of more than {BRIDGE_S:.0} s are left out of fits and judgements: the states of the unit are not known there")
-            } else {
-                String::new()
-            };
-            self.notes.push(format!("{gaps} gaps in time, the longest {longest:.1} s{after}"));
-        }
+        self.note_gaps(&found, step);
         let rows = self.time_s.len();
         for Found { column, stuck, spikes, .. } in &found {
             if *stuck > 0 {
@@ -194,6 +185,27 @@ impl Recording {
         let mut values = vec![Vec::new(); self.columns_mut().count()];
         found.into_iter().for_each(|f| values[f.place] = f.taken);
         Ok(values)
+    }
+
+    /// Notes gaps in time, and those of a thermometer that are not bridged.
+    fn note_gaps(&mut self, found: &[Found], step_s: f64) {
+        let behind = format!(
+            "behind a gap of more than {BRIDGE_S:.0} s it is not known what a unit remembers: the rates of the first {BRIDGE_S:.0} s are left out of fits and judgements, and what decays from there on counts as unknown"
+        );
+        let gaps = self.time_s.windows(2).filter(|w| w[1] - w[0] > 1.5 * step_s + 1e-9).count();
+        let longest = self.time_s.windows(2).map(|w| w[1] - w[0]).fold(0.0, f64::max);
+        if gaps > 0 {
+            let more = if longest > BRIDGE_S { format!("; {behind}") } else { String::new() };
+            self.notes.push(format!("{gaps} gaps in time, the longest {longest:.1} s{more}"));
+        }
+        for Found { column, place, .. } in found.iter().filter(|f| f.place < AXES) {
+            let there =
+                self.time_s.iter().zip(&self.frequency_hz[*place]).filter(|(_, f)| f.is_finite()).map(|(t, _)| *t);
+            let without = there.clone().zip(there.skip(1)).map(|(before, after)| after - before).fold(0.0, f64::max);
+            if without > BRIDGE_S.max(longest) {
+                self.notes.push(format!("column {column} has no value for {without:.0} s; {behind}"));
+            }
+        }
     }
 
     /// Takes the rates of the rows in which the unit moved out, and notes it.
@@ -832,6 +844,32 @@ mod tests {
         let removed = remove_spikes(&mut v, 6.5, 0.0, &mut Vec::new());
         assert!(v[1000].is_nan() && v[3000].is_nan());
         assert!(removed <= 100, "{removed} removed");
+    }
+
+    #[test]
+    fn gaps_that_are_not_bridged_are_noted() {
+        let notes = |text: String| {
+            let mut r = Recording::parse(text.as_bytes()).expect("readable");
+            r.clean().expect("usable");
+            r.notes.join("\n")
+        };
+        let all = rows(3000);
+        assert!(!notes(all.clone()).contains("gap"));
+        let outside = |k: &usize| !(1000..2500).contains(k);
+        let gap: Vec<&str> = all.lines().enumerate().filter(|(k, _)| outside(k)).map(|(_, l)| l).collect();
+        let text = notes(gap.join("\n"));
+        assert!(
+            text.contains("1 gaps in time") && text.matches("behind a gap of more than 900 s").count() == 1,
+            "{text}"
+        );
+        let cut = |(k, l): (usize, &str)| {
+            let cells: Vec<&str> = l.split(',').collect();
+            let kept = |(n, c): (usize, &&str)| if n == 2 && !outside(&k) { String::new() } else { (*c).to_string() };
+            cells.iter().enumerate().map(kept).collect::<Vec<_>>().join(",")
+        };
+        let lost: Vec<String> = all.lines().enumerate().map(cut).collect();
+        let text = notes(lost.join("\n"));
+        assert!(text.contains("column fy_hz has no value for 1501 s; behind a gap"), "{text}");
     }
 
     #[test]

@@ -66,10 +66,12 @@ impl Steps {
     pub fn new(r: &Recording) -> Result<Self, BadInput> {
         let mut steps = Self::on_grid(r)?.0;
         // Behind a gap that is not bridged the temperature leaps, and so does its rate of change: the unit saw no such thing.
-        for w in r.time_s.windows(2).filter(|w| w[1] - w[0] > BRIDGE_S) {
-            let from = ((w[1] - steps.start_s) / f64::from(MODEL_STEP_S)).round() as usize;
-            let to = (from + BRIDGE_S as usize).min(steps.len());
-            steps.rate_dph.iter_mut().for_each(|rates| rates[from.min(to)..to].fill(f64::NAN));
+        for a in 0..AXES {
+            let ends: Vec<usize> = steps.lost(a).map(|lost| lost.end).collect();
+            for from in ends {
+                let to = (from + BRIDGE_S as usize).min(steps.len());
+                steps.rate_dph[a][from..to].fill(f64::NAN);
+            }
         }
         if steps.len() < SHORTEST {
             return Err(BadInput::new(format!(
@@ -200,6 +202,13 @@ impl Steps {
     #[must_use]
     pub fn frequencies(&self, k: usize) -> [Option<f64>; AXES] {
         [0, 1, 2].map(|a| Some(self.frequency_hz[a][k]).filter(|f| f.is_finite()))
+    }
+
+    /// The stretches in which the temperature of an axis is lost, between two readings that are too far apart to be bridged.
+    pub fn lost(&self, a: usize) -> impl Iterator<Item = std::ops::Range<usize>> + '_ {
+        let there = self.frequency_hz[a].iter().enumerate().filter(|(_, f)| f.is_finite()).map(|(k, _)| k);
+        let far = |(before, after): &(usize, usize)| (after - before) as f64 * f64::from(MODEL_STEP_S) > BRIDGE_S;
+        there.clone().zip(there.skip(1)).filter(far).map(|(before, after)| before + 1..after)
     }
 
     /// Quantities beside the frequencies at a step, gaps bridged.

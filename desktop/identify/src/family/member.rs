@@ -6,7 +6,7 @@
 //! A unit belongs unless its runs are more probable under what they say by themselves than under the family, at the odds of any claim. By itself a unit has a prior with the weight of
 //! one row of its own data about what was found (Kass and Wasserman 1995): it costs each free coefficient half the logarithm of the rows.
 
-use super::{population, Family, OfAxis};
+use super::{population, Begun, Family, OfAxis};
 use crate::fit::{states_of, Prepared};
 use crate::matrices::{log_determinant, symmetric};
 use crate::trace::data::{AxisRows, Data};
@@ -23,6 +23,7 @@ use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
 use hrg_data::numeric::stats::{dot, log_sum};
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use std::fmt::Write as _;
 
 /// Log evidence of the runs of an axis.
 ///
@@ -53,6 +54,8 @@ pub struct Member {
     pub known: Known,
     /// By axis, whether it belongs; `None` for an axis that the unit or the family does not have.
     pub evidence: [Option<Evidence>; AXES],
+    /// The runs that begin in a state of which nothing is known.
+    pub unknown_past: Vec<usize>,
 }
 
 impl Member {
@@ -80,7 +83,17 @@ impl Member {
         let (of, odds) = (family.sources.len(), each.join(", "));
         let name = &family.name;
         if self.belongs() {
-            format!("the unit is of the family {name} ({of} units): log odds against what its runs say by themselves {odds}")
+            let mut text = format!(
+                "the unit is of the family {name} ({of} units): log odds against what its runs say by themselves {odds}"
+            );
+            for run in &self.unknown_past {
+                let _ = write!(
+                    text,
+                    "; run {} begins in a state that it does not tell, as of a unit that was not soaked",
+                    run + 1
+                );
+            }
+            text
         } else {
             format!("the unit is NOT of the family {name} ({of} units), which is not used: log odds against what its runs say by themselves {odds}")
         }
@@ -95,30 +108,29 @@ impl Family {
     /// Runs that hold nothing down, or a family without an axis that the unit has.
     pub fn member(&self, prepared: &Prepared, own: [Option<f64>; AXES]) -> Result<Member, BadInput> {
         let data = Data::in_blocks(&prepared.runs, self.scaling, prepared.mean_lag_s(), self.coarse_s);
-        let (specification, fitted, log_begin) = self.begun(&data)?;
+        let (begun, fitted) = self.begun(data)?;
+        let data = &begun.data;
         let evidence = std::array::from_fn(|a| {
-            let family = fitted.axes[a].posterior.as_ref()?.evidence + log_begin / data.axes_there() as f64;
-            let columns = |of: &Specification| of.columns(&data, a).values;
-            let alone = |of| alone(&data.axes[a], &columns(of));
-            let own = [alone(&specification), alone(&Specification::default()), own[a]];
+            let family = fitted.axes[a].posterior.as_ref()?.evidence + begun.odds / data.axes_there() as f64;
+            let alone = |of: &Specification| alone(&data.axes[a], &of.columns(data, a).values);
+            let own = [alone(&begun.specification), alone(&Specification::default()), own[a]];
             Some(Evidence { family, own: own.into_iter().flatten().fold(f64::NEG_INFINITY, f64::max) })
         });
-        let known = uncertainty::given(&data, &fitted);
-        Ok(Member { fitted, known, evidence })
+        let known = uncertainty::given(data, &fitted);
+        Ok(Member { fitted, known, evidence, unknown_past: begun.unknown_past })
     }
 
-    /// The model with each run begun where it is the most probable under the family, the fit, and the log prior odds of these beginnings.
-    fn begun(&self, data: &Data<'_>) -> Result<(Specification, Fitted, f64), BadInput> {
+    /// Each run begun as it is the most probable under the family, and the fit.
+    fn begun<'r>(&self, data: Data<'r>) -> Result<(Begun<'r>, Fitted), BadInput> {
         let log_of = |f: &Fitted| f.axes.iter().filter_map(|x| Some(x.posterior.as_ref()?.evidence)).sum::<f64>();
-        let first = self.specification();
-        let fitted = self.fitted(data, &first)?;
-        let mut best = (first, fitted, 0.0);
-        for run in 0..data.runs.len() {
-            let (begun, before) = (best.0.clone(), best.2);
-            for (odds, model) in self.beginnings(&begun, run).into_iter().skip(1) {
-                let fitted = self.fitted(data, &model)?;
-                if before + odds + log_of(&fitted) > best.2 + log_of(&best.1) {
-                    best = (model, fitted, before + odds);
+        let first = Begun { odds: 0.0, specification: self.specification(), data, unknown_past: Vec::new() };
+        let fitted = self.fitted(&first.data, &first.specification)?;
+        let mut best = (first, fitted);
+        for run in 0..best.0.data.runs.len() {
+            for other in self.beginnings(&best.0, run) {
+                let fitted = self.fitted(&other.data, &other.specification)?;
+                if other.odds + log_of(&fitted) > best.0.odds + log_of(&best.1) {
+                    best = (other, fitted);
                 }
             }
         }
@@ -436,6 +448,54 @@ mod tests {
         assert!(family.sources.len() == 6 && unlike.is_empty(), "{named:?} {unlike:?}");
         assert!(named[0].0 == "HRG-8" && named[0].1.contains("same data as one of the unit HRG-1"), "{named:?}");
         assert!(named[1].0 == "HRG-9" && named[1].1.contains("axis x above all"), "{named:?}");
+    }
+
+    /// Adds to the rates of a run what lags behind the temperature with a time constant of two hours.
+    fn with_lag(mut r: Recording, gain_dph_per_c: f64) -> Recording {
+        let prepared = prepare(std::slice::from_ref(&r)).expect("usable");
+        for a in 0..AXES {
+            let curve = &prepared.calibration.axes[a].curve;
+            let mut state = None;
+            for k in 0..r.rate_dph[a].len() {
+                let t = f64::from(curve.temperature_c(r.frequency_hz[a][k]));
+                let now = state.map_or(t, |s: f64| s + (t - s) / 7200.0);
+                state = Some(now);
+                r.rate_dph[a][k] += gain_dph_per_c * (now - t);
+            }
+        }
+        r
+    }
+
+    /// Without what was recorded in a part of the time.
+    fn without(r: &Recording, lost: std::ops::Range<f64>) -> Recording {
+        let mut r = r.clone();
+        let n = r.time_s.len() as f64;
+        for values in r.frequency_hz.iter_mut().chain(&mut r.rate_dph) {
+            values[(lost.start * n) as usize..(lost.end * n) as usize].fill(f64::NAN);
+        }
+        r
+    }
+
+    #[test]
+    fn behind_a_gap_and_in_a_run_that_begins_anywhere_the_state_of_a_unit_is_unknown() {
+        let gains = [0.30, 0.26, 0.33, 0.29, 0.31];
+        let units = (1..).zip(gains).map(|(seed, gain)| vec![with_lag(run("cycle", 1, seed, 0.0), gain)]).collect();
+        let Learnt { family, .. } = Family::learn("lags", units).expect("a family");
+        let (whole, unseen) = (with_lag(run("cycle", 1, 91, 0.0), 0.28), with_lag(run("verify", 1, 91, 0.0), 0.28));
+        let steps = hrg_data::recording::steps::Steps::new(&unseen).expect("usable");
+        let left = |r: Recording| {
+            let prepared = family.prepare(&[r], Units::Same).expect("usable");
+            let member = family.member(&prepared, [None; AXES]).expect("fitted");
+            assert!(member.belongs(), "{}", member.sentence(&family));
+            let image = family.image(&member, &prepared, &mut Vec::new());
+            let seconds = correct(&image, &steps);
+            seconds.iter().map(|r| std_dev(&hrg_data::numeric::stats::block_means(r, 100)).powi(2)).sum::<f64>().sqrt()
+        };
+        // (Nothing says that a run which begins with a ramp was soaked before.)
+        let parts = [without(&whole, 0.40..0.62), without(&whole, 0.0..0.3)];
+        let known = left(whole.clone());
+        let each = parts.map(left);
+        assert!(each.iter().all(|e| *e < 1.3 * known), "{each:?} {known}");
     }
 
     /// Adds a play of a width of 12 C to the rates of a run, begun on a branch.

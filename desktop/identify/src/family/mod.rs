@@ -92,6 +92,18 @@ impl UnderModel {
     }
 }
 
+/// Runs with the way in which each of them begins.
+struct Begun<'r> {
+    /// Log prior odds of these beginnings.
+    odds: f64,
+    /// The model.
+    specification: Specification,
+    /// The rows.
+    data: Data<'r>,
+    /// The runs that begin in a state of which nothing is known.
+    unknown_past: Vec<usize>,
+}
+
 /// A family.
 #[derive(Debug, Clone)]
 pub struct Family {
@@ -445,26 +457,41 @@ impl Family {
         Data::in_blocks(std::slice::from_ref(run), self.scaling, self.lag_s, self.coarse_s)
     }
 
-    /// Models that differ in where the plays of one run begin, with their log prior odds: as they do in the family, or all of them in the middle or on one
-    /// branch, as of a unit that comes from elsewhere.
-    fn beginnings(&self, model: &Specification, run: usize) -> Vec<(f64, Specification)> {
-        let plays = || model.terms.iter().flat_map(|t| &t.parts).filter(|c| c.facts.remembers_path);
+    /// Other ways for one run to begin, as of a unit that comes from elsewhere: all plays in the middle or on one branch, or in a state of which nothing
+    /// is known.
+    fn beginnings<'r>(&self, known: &Begun<'r>, run: usize) -> Vec<Begun<'r>> {
+        let Begun { odds, specification, data, unknown_past } = known;
+        let odds = odds + odds::BRANCH;
+        let plays = || specification.terms.iter().flat_map(|t| &t.parts).filter(|c| c.facts.remembers_path);
         let differs = |branch: &usize| plays().any(|c| c.starts.of(Some(run)) != Starts::BRANCHES[*branch]);
-        let elsewhere = (0..Starts::BRANCHES.len()).filter(differs);
-        std::iter::once((0.0, model.clone()))
-            .chain(elsewhere.map(|branch| (odds::BRANCH, model.beginning(run, branch))))
-            .collect()
+        let elsewhere = (0..Starts::BRANCHES.len()).filter(differs).map(|branch| Begun {
+            odds,
+            specification: specification.beginning(run, branch),
+            data: data.clone(),
+            unknown_past: unknown_past.clone(),
+        });
+        let unknown = Begun {
+            odds,
+            specification: specification.clone(),
+            data: data.clone().with_unknown_past(run),
+            unknown_past: unknown_past.iter().copied().chain([run]).collect(),
+        };
+        elsewhere.chain([unknown]).collect()
     }
 
     /// Facts of a run about each axis, the run begun where it is the most probable.
     fn told(&self, specification: &Specification, run: &Run) -> [Option<Told>; AXES] {
-        let data = self.blocks(run);
-        let begun = self.beginnings(specification, 0).into_iter().map(|(odds, model)| {
-            let axes = [0, 1, 2].map(|a: usize| UnderModel::new(&data, &model, a));
-            (odds + axes.iter().map(UnderModel::log).sum::<f64>(), axes)
+        let as_in_family =
+            Begun { odds: 0.0, specification: specification.clone(), data: self.blocks(run), unknown_past: Vec::new() };
+        let others = self.beginnings(&as_in_family, 0);
+        let begun = std::iter::once(as_in_family).chain(others).map(|b| {
+            let axes = [0, 1, 2].map(|a: usize| UnderModel::new(&b.data, &b.specification, a));
+            (b.odds + axes.iter().map(UnderModel::log).sum::<f64>(), b.data, axes)
         });
         match begun.max_by(|x, y| x.0.total_cmp(&y.0)) {
-            Some((_, [x, y, z])) => [self.told_of(&data, 0, x), self.told_of(&data, 1, y), self.told_of(&data, 2, z)],
+            Some((_, data, [x, y, z])) => {
+                [self.told_of(&data, 0, x), self.told_of(&data, 1, y), self.told_of(&data, 2, z)]
+            }
             None => [None, None, None],
         }
     }

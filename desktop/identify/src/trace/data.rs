@@ -9,7 +9,7 @@ use hrg_core::inputs::{Input, Quantities, QuantitySet};
 use hrg_core::{AXES, MODEL_STEP_S};
 use hrg_data::cards;
 use hrg_data::cards::{Extent, ParameterRow};
-use hrg_data::recording::steps::{unit_inputs, Run};
+use hrg_data::recording::steps::{unit_inputs, Run, BRIDGE_S};
 use std::ops::Range;
 
 /// A candidate: an effect with its inner parameters, perhaps confined to one of several runs.
@@ -162,6 +162,8 @@ pub struct AxisRows {
     pub base: Vec<Vec<f64>>,
     /// Whitening of the kept blocks.
     pub filters: Filters,
+    /// Decays behind gaps in the temperature: the state of the unit is not known there.
+    pub forgotten: Vec<Vec<f64>>,
     /// Columns of what happened in a run that judges and that nobody can predict: its size there is unknown, as its constant is.
     pub happened: Vec<Vec<f64>>,
 }
@@ -170,6 +172,19 @@ impl AxisRows {
     /// Rows of a run.
     pub fn run(&self, number: usize) -> Range<usize> {
         self.starts[number]..self.starts.get(number + 1).copied().unwrap_or(self.y.len())
+    }
+
+    /// Decays in a run of so many blocks from a block on, of the time constants from `shortest` blocks to the whole run: whatever the state of the unit was
+    /// there, this is left of it.
+    fn decays(&self, number: usize, from: f64, blocks: usize, shortest: f64) -> Vec<Vec<f64>> {
+        let run = self.run(number);
+        let of = |tau: f64| -> Vec<f64> {
+            let at = |k: usize| self.keep[k] as f64 + 0.5 - from;
+            let decay = |k: usize| if run.contains(&k) && at(k) > 0.0 { (-at(k) / tau).exp() } else { 0.0 };
+            (0..self.y.len()).map(decay).collect()
+        };
+        let slower = |tau: &f64| Some(tau * SLOWER).filter(|t| *t < blocks as f64);
+        std::iter::successors(Some(shortest), slower).map(of).filter(|c| c.iter().any(|v| *v > 0.0)).collect()
     }
 
     /// A column in the rows of a run, and zero in those of the others.
@@ -181,7 +196,7 @@ impl AxisRows {
 }
 
 /// All rows.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Data<'a> {
     /// The runs.
     pub runs: &'a [Run],
@@ -207,6 +222,9 @@ pub struct Data<'a> {
     /// Set if the runs are of different units of one design, which are tested alike: a play begins in all of them at the same place.
     pub alike: bool,
 }
+
+/// Factor from a time constant of what a unit may remember to the next.
+const SLOWER: f64 = 3.0;
 
 /// Value of the column of day number `day` in a run: the constants of the days, measured from their mean.
 pub fn day_column(day: usize, run: usize) -> f64 {
@@ -270,11 +288,29 @@ impl<'a> Data<'a> {
     pub fn with_growth(mut self, growth: [Growth; AXES]) -> Self {
         self.growth = growth;
         for a in (0..AXES).filter(|a| growth[*a].by != 0.0) {
-            let relative = self.relative(a);
-            let rows = &mut self.axes[a];
-            rows.filters = Filters::new(&relative, &rows.starts);
+            self.set_filters(a);
         }
         self
+    }
+
+    /// The same with a run of which it is not known how the unit came there: as if a gap ended where it begins.
+    #[must_use]
+    pub fn with_unknown_past(mut self, number: usize) -> Self {
+        let (shortest, blocks) = (BRIDGE_S / self.block_s as f64, self.blocks[number]);
+        for a in 0..AXES {
+            let rows = &self.axes[a];
+            let Some(first) = rows.keep[rows.run(number)].first() else { continue };
+            let more = rows.decays(number, *first as f64, blocks, shortest);
+            self.axes[a].forgotten.extend(more);
+            self.set_filters(a);
+        }
+        self
+    }
+
+    fn set_filters(&mut self, a: usize) {
+        let relative = self.relative(a);
+        let rows = &mut self.axes[a];
+        rows.filters = Filters::new(&relative, &rows.starts).beside(&rows.forgotten);
     }
 
     /// The same with effects whose sizes in that run are unknown.
@@ -299,6 +335,7 @@ impl<'a> Data<'a> {
                 y: vec![],
                 base: vec![vec![]; TERMS],
                 filters: Filters::default(),
+                forgotten: vec![],
                 happened: vec![],
             };
             // Each run has its own constant: the first one's is what the others' add up to, taken negative.
@@ -327,7 +364,16 @@ impl<'a> Data<'a> {
                 }
                 first += n;
             }
-            rows.filters = Filters::new(&vec![1.0; rows.y.len()], &rows.starts);
+            let mut first = 0;
+            for (number, (run, n)) in runs.iter().zip(&blocks).enumerate() {
+                for lost in run.steps.lost(a) {
+                    let from = first as f64 + lost.end as f64 / block_s as f64;
+                    let more = rows.decays(number, from, *n, BRIDGE_S / block_s as f64);
+                    rows.forgotten.extend(more);
+                }
+                first += n;
+            }
+            rows.filters = Filters::new(&vec![1.0; rows.y.len()], &rows.starts).beside(&rows.forgotten);
             rows
         });
         let growth = [Growth::default(); AXES];

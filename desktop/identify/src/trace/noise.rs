@@ -6,7 +6,9 @@
 //! that of white residuals. The noise parameters are taken from a small grid, anew for every model that is
 //! compared, so that structure can be explained by the model or by the noise, whichever does it better.
 
+use crate::matrices::symmetric;
 use hrg_data::numeric::stats::{dot, sum_of_products, take_off};
+use nalgebra::SymmetricEigen;
 
 /// One noise model.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -118,7 +120,21 @@ pub struct Filters {
     scale: Vec<[f64; NOISE_MODELS.len()]>,
     /// Log determinant of each whitening.
     log_determinant: [f64; NOISE_MODELS.len()],
+    /// Directions of the whitened rows in which the unit is unknown, for each noise model.
+    unknown: [Vec<Unknown>; NOISE_MODELS.len()],
 }
+
+/// A direction of whitened rows in which something unknown lies beside the noise.
+#[derive(Debug, Clone)]
+struct Unknown {
+    /// Of length 1.
+    direction: Vec<f64>,
+    /// Deviation of the noise along it over that of all.
+    share: f64,
+}
+
+/// Variance of the size of a column of which nothing is known ([`Filters::beside`]), over that of the white part of a row.
+const UNKNOWN: f64 = 1e4;
 
 impl Filters {
     /// Of rows with a relative deviation of the white part; `starts` are the rows at which a run begins.
@@ -146,6 +162,39 @@ impl Filters {
         out
     }
 
+    /// The same with columns beside the noise, of whose sizes nothing is known: the covariance is the noise's and, of each column, its size's variance
+    /// times its square.
+    #[must_use]
+    pub fn beside(mut self, columns: &[Vec<f64>]) -> Self {
+        if columns.is_empty() {
+            return self;
+        }
+        for (s, noise) in NOISE_MODELS.iter().enumerate() {
+            let white: Vec<Vec<f64>> = columns.iter().map(|c| self.whitened(s, c)).collect();
+            let e = SymmetricEigen::new(symmetric(white.len(), |i, j| dot(&white[i], &white[j])));
+            let most = e.eigenvalues.max();
+            // (What columns say twice has no length of its own.)
+            for (k, square) in e.eigenvalues.iter().enumerate().filter(|(_, l)| **l > SAME * most) {
+                let mut direction = vec![0.0; white[0].len()];
+                for (column, part) in white.iter().zip(e.eigenvectors.column(k).iter()) {
+                    take_off(&mut direction, -part / square.sqrt(), column);
+                }
+                let share = 1.0 / (1.0 + UNKNOWN / noise.innovation() * square).sqrt();
+                self.log_determinant[s] += share.ln();
+                self.unknown[s].push(Unknown { direction, share });
+            }
+        }
+        self
+    }
+
+    /// Scales what lies along the unknown directions.
+    fn along(&self, s: usize, x: &mut [f64], by: impl Fn(f64) -> f64) {
+        for u in &self.unknown[s] {
+            let part = dot(&u.direction, x);
+            take_off(x, part * (1.0 - by(u.share)), &u.direction);
+        }
+    }
+
     /// Whitens a column in place by a noise model, given by its number.
     pub fn whiten(&self, s: usize, x: &mut [f64]) {
         let mut predicted = 0.0;
@@ -154,6 +203,7 @@ impl Filters {
             *v = (now - predicted) * self.scale[k][s];
             predicted = self.keep[k][s] * predicted + self.take[k][s] * now;
         }
+        self.along(s, x, |share| share);
     }
 
     /// A column whitened by a noise model.
@@ -175,6 +225,7 @@ impl Filters {
                 *p = self.keep[k][s] * *p + self.take[k][s] * now;
             }
         }
+        out.iter_mut().enumerate().for_each(|(s, o)| self.along(s, o, |share| share));
         out
     }
 
@@ -188,11 +239,14 @@ impl Filters {
             out[k] = (x[k] + take * after) / self.scale[k][s];
             after = x[k] + (keep + take) * after;
         }
+        self.along(s, &mut out, |share| 1.0 / share);
         out
     }
 
     /// For each row, the product of a whitened column with a whitened step at that row, which lasts to row `to`.
     pub fn steps(&self, s: usize, x: &[f64], from: usize, to: usize) -> Vec<f64> {
+        let mut x = x.to_vec();
+        self.along(s, &mut x, |share| share);
         let (mut after, mut sum) = (0.0, 0.0);
         let mut out = vec![0.0; to - from];
         for k in (from..to).rev() {
@@ -207,11 +261,15 @@ impl Filters {
     /// Square of a whitened step at row `at`, which lasts to row `to`.
     pub fn square_of_step(&self, s: usize, at: usize, to: usize) -> f64 {
         let (mut predicted, mut sum) = (0.0, 0.0);
+        let mut parts = vec![0.0; self.unknown[s].len()];
         for k in at..to {
-            sum += ((1.0 - predicted) * self.scale[k][s]).powi(2);
+            let new = (1.0 - predicted) * self.scale[k][s];
+            sum += new * new;
+            parts.iter_mut().zip(&self.unknown[s]).for_each(|(p, u)| *p += u.direction[k] * new);
             predicted = self.keep[k][s] * predicted + self.take[k][s];
         }
-        sum
+        let along = |(p, u): (&f64, &Unknown)| p * p * (1.0 - u.share * u.share);
+        sum - parts.iter().zip(&self.unknown[s]).map(along).sum::<f64>()
     }
 
     /// Log determinant of the whitening by a noise model: its part in the log density of rows.
@@ -219,6 +277,9 @@ impl Filters {
         self.log_determinant[s]
     }
 }
+
+/// Share of the longest direction's square below which a direction is rounding.
+const SAME: f64 = 1e-12;
 
 /// Takes out of `x` what orthonormal columns span; a second time where so little is left that rounding shows.
 #[multiversion::multiversion(targets("x86_64+avx2", "x86_64+avx512f"))]
@@ -318,6 +379,42 @@ mod tests {
             let product: f64 = of_step[..second].iter().zip(&x).map(|(a, b)| a * b).sum();
             assert!((filters.steps(s, &x, 0, second)[4] - product).abs() < 1e-9, "{noise:?}");
             assert!((filters.square_of_step(s, 4, second) - dot(&of_step[..second], &of_step[..second])).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn what_is_unknown_beside_the_noise_is_in_the_covariance() {
+        let (n, second) = (30, 12);
+        let relative: Vec<f64> = (0..n).map(|k| 0.5 + 0.05 * k as f64).collect();
+        let decay = |from: usize, tau: f64| -> Vec<f64> {
+            (0..n).map(|k| if k < from { 0.0 } else { (-((k - from) as f64) / tau).exp() }).collect()
+        };
+        let columns = [decay(18, 3.0), decay(18, 9.0), decay(18, 9.0)];
+        let filters = Filters::new(&relative, &[0, second]).beside(&columns);
+        for (s, noise) in NOISE_MODELS.iter().enumerate() {
+            let covariance = nalgebra::DMatrix::from_fn(n, n, |i, j| {
+                let together = (i < second) == (j < second);
+                let slow = if together { noise.slow * noise.phi.powi(i.abs_diff(j) as i32) } else { 0.0 };
+                let unknown: f64 = columns.iter().map(|c| UNKNOWN * c[i] * c[j]).sum();
+                unknown + slow + if i == j { relative[i] * relative[i] } else { 0.0 }
+            });
+            let x: Vec<f64> = (0..n).map(|k| (k as f64 * 0.7).sin()).collect();
+            let v = nalgebra::DVector::from_vec(x.clone());
+            let wanted =
+                (v.transpose() * covariance.clone().try_inverse().expect("regular") * &v)[0] * noise.innovation();
+            let white = filters.whitened(s, &x);
+            assert!((dot(&white, &white) / wanted - 1.0).abs() < 1e-4, "{noise:?}: {} {wanted}", dot(&white, &white));
+            let log = 0.5 * (n as f64 * noise.innovation().ln() - covariance.determinant().ln());
+            assert!((filters.log_determinant(s) - log).abs() < 1e-3, "{noise:?}: {} {log}", filters.log_determinant(s));
+            // The other ways to whiten are the same.
+            let by_all = &filters.whiten_by_all(&x)[s];
+            assert!(by_all.iter().zip(&white).all(|(a, b)| (a - b).abs() < 1e-12));
+            let step: Vec<f64> = (0..n).map(|k| f64::from(u8::from(k >= 20))).collect();
+            let of_step = filters.whitened(s, &step);
+            assert!((filters.steps(s, &x, second, n)[8] - dot(&x, &of_step)).abs() < 1e-9);
+            assert!((filters.square_of_step(s, 20, n) - dot(&of_step, &of_step)).abs() < 1e-9);
+            let back = filters.backwards(s, &x);
+            assert!((dot(&white, &back) - dot(&x, &x)).abs() < 1e-6);
         }
     }
 

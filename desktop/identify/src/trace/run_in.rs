@@ -69,6 +69,7 @@ impl Memory {
             y: left[from..to].to_vec(),
             base: vec![],
             filters: Filters::new(&data.relative(a)[from..to], &[0]),
+            forgotten: vec![],
             happened: vec![],
         };
         let constant = vec![1.0; to - from];
