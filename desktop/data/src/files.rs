@@ -20,13 +20,12 @@ pub(crate) fn begins_with<const N: usize>(path: &std::path::Path, head: [u8; N])
     read.is_ok() && first == head
 }
 
-/// Reads a whole file of at most so many bytes; one that gzip has packed is unpacked. A file that is larger is refused before it is read; one of text is refused at
-/// its first zero byte, however large it is.
+/// The content of a file of at most so many bytes, unpacked where gzip has packed it.
 ///
 /// # Errors
 /// A sentence with the path.
-pub fn read_file(path: &std::path::Path, most: u64, text: bool) -> Result<Vec<u8>, BadInput> {
-    use std::io::{BufRead, Read};
+pub fn text(path: &std::path::Path, most: u64) -> Result<Box<dyn std::io::Read>, BadInput> {
+    use std::io::BufRead;
     let cannot = |e: std::io::Error| BadInput::new(format!("cannot read {}: {e}; check the path", path.display()));
     let file = std::fs::File::open(path).map_err(cannot)?;
     let size = file.metadata().map_err(cannot)?.len();
@@ -36,11 +35,21 @@ pub fn read_file(path: &std::path::Path, most: u64, text: bool) -> Result<Vec<u8
             path.display()
         )));
     }
-    let mut bytes = Vec::with_capacity(size.min(most) as usize);
-    let mut file = std::io::BufReader::new(file);
+    let mut file = std::io::BufReader::with_capacity(1 << 18, file);
     let packed = file.fill_buf().map_err(cannot)?.starts_with(&GZIP);
-    let mut content: Box<dyn Read> =
-        if packed { Box::new(flate2::bufread::MultiGzDecoder::new(file)) } else { Box::new(file) };
+    Ok(if packed { Box::new(flate2::bufread::MultiGzDecoder::new(file)) } else { Box::new(file) })
+}
+
+/// Reads a whole file of at most so many bytes; one that gzip has packed is unpacked. A file that is larger is refused before it is read; one of text is refused at
+/// its first zero byte, however large it is.
+///
+/// # Errors
+/// A sentence with the path.
+pub fn read_file(path: &std::path::Path, most: u64, text: bool) -> Result<Vec<u8>, BadInput> {
+    use std::io::Read;
+    let cannot = |e: std::io::Error| BadInput::new(format!("cannot read {}: {e}; check the path", path.display()));
+    let mut content = self::text(path, most)?;
+    let mut bytes = Vec::with_capacity(std::fs::metadata(path).map_err(cannot)?.len().min(most) as usize);
     loop {
         let start = bytes.len();
         let n = content.by_ref().take(1 << 20).read_to_end(&mut bytes).map_err(cannot)?;

@@ -54,22 +54,37 @@ fn end_of_links(path: &Path) -> io::Result<PathBuf> {
 /// # Errors
 /// If the folder is not there, or the place cannot be written; a file that was there stays as it was.
 pub fn write_file(path: &Path, content: &[u8]) -> anyhow::Result<()> {
+    write_with(path, |out| out.write_all(content).with_context(|| format!("cannot write {}", path.display())))
+}
+
+/// The same of an output that is made piece by piece.
+///
+/// # Errors
+/// As [`write_file`] and what makes the pieces; a file that was there stays as it was.
+pub fn write_with<T>(
+    path: &Path,
+    make: impl FnOnce(&mut (dyn Write + Send)) -> anyhow::Result<T>,
+) -> anyhow::Result<T> {
     let cannot = || format!("cannot write {}", path.display());
+    let through = |out: &mut (dyn Write + Send)| {
+        let mut out = io::BufWriter::with_capacity(1 << 20, out);
+        let made = make(&mut out)?;
+        out.flush().with_context(cannot)?;
+        Ok(made)
+    };
     match Target::of(path).with_context(cannot)? {
-        Target::Stdout => {
-            let mut out = io::stdout().lock();
-            out.write_all(content).and_then(|()| out.flush()).with_context(cannot)
-        }
-        Target::Stream => {
-            let mut out = OpenOptions::new().write(true).open(path).with_context(cannot)?;
-            out.write_all(content).and_then(|()| out.flush()).with_context(cannot)
-        }
-        Target::File(file) => replace(path, &file, content),
+        Target::Stdout => through(&mut io::stdout()),
+        Target::Stream => through(&mut OpenOptions::new().write(true).open(path).with_context(cannot)?),
+        Target::File(file) => replace(path, &file, through),
     }
 }
 
 /// Replaces a regular file: a neighbour is written and is on the disk before it is renamed.
-fn replace(named: &Path, file: &Path, content: &[u8]) -> anyhow::Result<()> {
+fn replace<T>(
+    named: &Path,
+    file: &Path,
+    make: impl FnOnce(&mut (dyn Write + Send)) -> anyhow::Result<T>,
+) -> anyhow::Result<T> {
     let folder = file.parent().filter(|f| !f.as_os_str().is_empty() && !f.exists());
     if let Some(folder) = folder {
         let (named, folder) = (named.display(), folder.display());
@@ -78,19 +93,20 @@ fn replace(named: &Path, file: &Path, content: &[u8]) -> anyhow::Result<()> {
         ))
         .into());
     }
+    let cannot = || format!("cannot write {}", named.display());
     let mut name = file.file_name().unwrap_or_default().to_os_string();
     name.push(format!(".{}.part", std::process::id()));
     let part = file.with_file_name(name);
-    let write = || -> io::Result<()> {
-        let mut out = OpenOptions::new().write(true).create_new(true).open(&part)?;
+    let write = || {
+        let mut out = OpenOptions::new().write(true).create_new(true).open(&part).with_context(cannot)?;
         if let Ok(old) = fs::metadata(file) {
-            out.set_permissions(old.permissions())?;
+            out.set_permissions(old.permissions()).with_context(cannot)?;
         }
-        out.write_all(content)?;
-        out.sync_all()?;
-        fs::rename(&part, file)
+        let made = make(&mut out)?;
+        out.sync_all().and_then(|()| fs::rename(&part, file)).with_context(cannot)?;
+        Ok(made)
     };
-    write().inspect_err(|_| drop(fs::remove_file(&part))).with_context(|| format!("cannot write {}", named.display()))
+    write().inspect_err(|_| drop(fs::remove_file(&part)))
 }
 
 /// Opens an output that is written piece by piece and must not be there yet; a device or a pipe is opened as it is.

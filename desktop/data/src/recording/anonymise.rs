@@ -4,6 +4,7 @@ use super::metadata::{CALIBRATION, FORCES, STANDS_FOR, TABLE_RATE, TIME_STEP, UN
 use super::plausible::AT_REST;
 use super::Recording;
 use crate::error::BadInput;
+use hrg_core::AXES;
 
 /// Metadata that stay: what is needed to use the numbers, and tells nothing of whose they are.
 const KEPT: [&str; 13] = [
@@ -42,14 +43,23 @@ fn step_of_values(values: &[f64]) -> Option<f64> {
     (step.is_finite() && step > LEAST_STEP_DPH && fits as f64 > 0.99 * some.len() as f64).then_some(step)
 }
 
+/// What is taken out of the rows of a recording: known from its first rows.
+#[derive(Debug, Clone, Copy)]
+pub struct OfRows {
+    /// Steps of the rates, deg/h, where they have any.
+    steps: [Option<f64>; AXES],
+    /// Taken off the times, s.
+    shift_s: f64,
+}
+
 /// Takes names, dates and place out of a recording as it was read; tells what was removed. Its earth's rate goes with the place where latitude
-/// and axes are known: else it stays in the rates, and a sentence says so.
+/// and axes are known: else it stays in the rates, and a sentence says so. `before`: of a part that goes on, what its first part gave.
 ///
 /// # Errors
 /// Metadata that cannot be used.
-pub fn anonymise(r: &mut Recording) -> Result<Vec<String>, BadInput> {
+pub fn anonymise(r: &mut Recording, before: Option<OfRows>) -> Result<(OfRows, Vec<String>), BadInput> {
     let mut removed = Vec::new();
-    let steps = [0, 1, 2].map(|a: usize| step_of_values(&r.rate_dph[a]));
+    let steps = before.map_or_else(|| [0, 1, 2].map(|a: usize| step_of_values(&r.rate_dph[a])), |b| b.steps);
     r.remove_earth_rate()?;
     if let Some(parts) = r.earth_rate_dph.take() {
         // (Rates of coarse steps would show the earth's rate as what they are off their steps by: they stay on them.)
@@ -79,7 +89,7 @@ pub fn anonymise(r: &mut Recording) -> Result<Vec<String>, BadInput> {
     // (A clock that counts from 1970, or from a midnight, tells the date or the hour.)
     let first = r.time_s.first().copied().unwrap_or(0.0);
     let stated = r.meta("power_on_s").is_some() && (0.0..LONGEST_ON_S).contains(&(first - r.power_on_s()));
-    let shift = if stated { r.power_on_s() } else { first };
+    let shift = before.map_or(if stated { r.power_on_s() } else { first }, |b| b.shift_s);
     if !stated {
         r.meta.retain(|(k, _)| k != "power_on_s");
     }
@@ -90,7 +100,7 @@ pub fn anonymise(r: &mut Recording) -> Result<Vec<String>, BadInput> {
         }
         removed.push(format!("the times count from {}", if stated { "power-on" } else { "the first row" }));
     }
-    Ok(removed)
+    Ok((OfRows { steps, shift_s: shift }, removed))
 }
 
 #[cfg(test)]
@@ -103,7 +113,7 @@ mod tests {
             # power_on_s: 1795000000\n# power_on_unix_s: 1795000000\n# scale_factor_dph_per_code: 0.01,0.01,0.01\n\
             time_s,fx_hz,fy_hz,fz_hz,rate_x_dph,rate_y_dph,rate_z_dph\n1795000001,4900,4892,4703,10.045,1,-12\n1795000002.5,4900,4892,4703,11.045,1,-12\n";
         let mut r = Recording::parse(text.as_bytes()).expect("a recording");
-        let removed = anonymise(&mut r).expect("fine");
+        let (_, removed) = anonymise(&mut r, None).expect("fine");
         let text = r.to_csv();
         for word in ["HRG-7", "Person", "48.1", "north", "17950", "0.01,"] {
             assert!(!text.contains(word), "{word}: {text}");
@@ -120,12 +130,23 @@ mod tests {
             text += &format!("{},20,{},{},{}\n", 1_764_000_001 + k, 36.0 * n, 36.0 * (n + 1.0), 36.0 * (n - 2.0));
         }
         let mut r = Recording::parse(text.as_bytes()).expect("a recording");
-        anonymise(&mut r).expect("fine");
+        anonymise(&mut r, None).expect("fine");
         let off = |v: &f64| (v / 36.0 - (v / 36.0).round()).abs();
         assert!(r.rate_dph.iter().flatten().all(|v| off(v) < 1e-6) && r.time_s[1] == 1.0, "{:?}", &r.rate_dph[0][..3]);
+        // A part that goes on is as the whole.
+        let head = text.find("1764").expect("rows");
+        let half = head + text[head..].len() / 2;
+        let half = half + text[half..].find('\n').expect("a line") + 1;
+        let mut parts = [text[..half].to_string(), text[..head].to_string() + &text[half..]]
+            .map(|t| Recording::parse(t.as_bytes()).expect("a recording"));
+        let (known, _) = anonymise(&mut parts[0], None).expect("fine");
+        anonymise(&mut parts[1], Some(known)).expect("fine");
+        let joined: Vec<f64> = parts.iter().flat_map(|p| p.time_s.clone()).collect();
+        let rates: Vec<f64> = parts.iter().flat_map(|p| p.rate_dph[0].clone()).collect();
+        assert!(joined == r.time_s && rates == r.rate_dph[0]);
         // Without an attitude the earth's rate stays, and a sentence says so.
         let mut r = Recording::parse(b"time_s,temp_c,rate_z_dph\n5,20,1\n6,20,2\n7,20,3\n").expect("a recording");
-        let removed = anonymise(&mut r).expect("fine");
+        let (_, removed) = anonymise(&mut r, None).expect("fine");
         assert!(removed[0].contains("still hold the earth's rate") && r.time_s == [0.0, 1.0, 2.0], "{removed:?}");
     }
 }

@@ -18,7 +18,7 @@ pub mod own_columns;
 pub mod parquet;
 pub mod plausible;
 mod reader;
-mod reduced;
+pub mod reduced;
 pub mod resonators;
 mod rows;
 pub mod steps;

@@ -13,11 +13,12 @@ use parquet::data_type::{ByteArray, ByteArrayType, DataType, DoubleType, Int32Ty
 use parquet::errors::ParquetError;
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
-use parquet::file::reader::{FileReader, SerializedFileReader};
+use parquet::file::reader::{ChunkReader, FileReader, SerializedFileReader};
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::{ColumnDescriptor, Type};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
+use std::io::Read;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -32,6 +33,9 @@ const INDEX: &str = "__index_level_";
 
 /// Rows that are read or written at once.
 const ROWS: usize = 1 << 16;
+
+/// Rows of a batch.
+const BATCH: usize = 1 << 19;
 
 /// The cells of a column.
 #[derive(Debug, Clone, PartialEq)]
@@ -82,7 +86,7 @@ fn cannot(e: &ParquetError) -> BadInput {
     ))
 }
 
-/// Values of a column of a row group, by a function to what they mean; `missing` where there is none.
+/// The next values of a column of a row group, by a function to what they mean; `missing` where there is none.
 fn values<T: DataType, V: Clone>(
     reader: &mut parquet::column::reader::ColumnReaderImpl<T>,
     optional: bool,
@@ -90,11 +94,12 @@ fn values<T: DataType, V: Clone>(
     mut value: impl FnMut(&T::T) -> V,
     to: &mut Vec<V>,
 ) -> Result<(), ParquetError> {
-    loop {
+    let most = to.len() + BATCH;
+    while to.len() < most {
         let (mut levels, mut read) = (Vec::new(), Vec::new());
-        let (records, _, _) = reader.read_records(ROWS, Some(&mut levels), None, &mut read)?;
+        let (records, _, _) = reader.read_records(ROWS.min(most - to.len()), Some(&mut levels), None, &mut read)?;
         if records == 0 {
-            return Ok(());
+            break;
         }
         if optional {
             let mut next = read.iter();
@@ -109,6 +114,7 @@ fn values<T: DataType, V: Clone>(
             to.extend(read.iter().map(&mut value));
         }
     }
+    Ok(())
 }
 
 /// Number of units of a column of times in a second.
@@ -139,30 +145,28 @@ fn empty(of: &ColumnDescriptor) -> Option<Cells> {
     }
 }
 
-fn read_group(reader: ColumnReader, of: &ColumnDescriptor, cells: &mut Cells) -> Result<(), ParquetError> {
+fn read_next(reader: &mut ColumnReader, of: &ColumnDescriptor, cells: &mut Cells) -> Result<(), ParquetError> {
     let gap = f64::NAN;
     let optional = of.max_def_level() > 0;
     use ConvertedType as C;
     let unsigned = matches!(of.converted_type(), C::UINT_8 | C::UINT_16 | C::UINT_32 | C::UINT_64);
     match (cells, reader) {
-        (Cells::Numbers(to, _), ColumnReader::BoolColumnReader(mut r)) => {
-            values(&mut r, optional, &gap, |v| f64::from(u8::from(*v)), to)
+        (Cells::Numbers(to, _), ColumnReader::BoolColumnReader(r)) => {
+            values(r, optional, &gap, |v| f64::from(u8::from(*v)), to)
         }
-        (Cells::Numbers(to, _), ColumnReader::Int32ColumnReader(mut r)) => {
+        (Cells::Numbers(to, _), ColumnReader::Int32ColumnReader(r)) => {
             let value = |v: &i32| if unsigned { f64::from(*v as u32) } else { f64::from(*v) };
-            values(&mut r, optional, &gap, value, to)
+            values(r, optional, &gap, value, to)
         }
-        (Cells::Numbers(to, _), ColumnReader::Int64ColumnReader(mut r)) => {
+        (Cells::Numbers(to, _), ColumnReader::Int64ColumnReader(r)) => {
             let value = |v: &i64| if unsigned { *v as u64 as f64 } else { *v as f64 };
-            values(&mut r, optional, &gap, value, to)
+            values(r, optional, &gap, value, to)
         }
-        (Cells::Numbers(to, _), ColumnReader::FloatColumnReader(mut r)) => {
-            values(&mut r, optional, &gap, |v| f64::from(*v), to)
-        }
-        (Cells::Numbers(to, _), ColumnReader::DoubleColumnReader(mut r)) => values(&mut r, optional, &gap, |v| *v, to),
-        (Cells::Texts(to), ColumnReader::ByteArrayColumnReader(mut r)) => {
+        (Cells::Numbers(to, _), ColumnReader::FloatColumnReader(r)) => values(r, optional, &gap, |v| f64::from(*v), to),
+        (Cells::Numbers(to, _), ColumnReader::DoubleColumnReader(r)) => values(r, optional, &gap, |v| *v, to),
+        (Cells::Texts(to), ColumnReader::ByteArrayColumnReader(r)) => {
             let text = |v: &ByteArray| String::from_utf8_lossy(v.data()).into_owned();
-            values(&mut r, optional, &String::new(), text, to)
+            values(r, optional, &String::new(), text, to)
         }
         _ => Ok(()),
     }
@@ -181,32 +185,96 @@ fn metadata(pairs: Option<&Vec<KeyValue>>) -> Result<BTreeMap<String, String>, B
     Ok(attributes.into_iter().map(|(k, v)| (k, plain(v))).collect())
 }
 
+/// A table, read batch by batch.
+pub struct Batches<R: ChunkReader + 'static> {
+    file: SerializedFileReader<R>,
+    /// Metadata, by their keys.
+    pub meta: BTreeMap<String, String>,
+    /// Columns of numbers and texts: place in the file, name, nothing yet.
+    columns: Vec<(usize, String, Cells)>,
+    /// Columns of other kinds (lists, structures, decimals): by name.
+    pub others: Vec<String>,
+    /// Number of the next row group, and the readers of the columns of the one before.
+    group: usize,
+    readers: Vec<ColumnReader>,
+}
+
+impl Batches<std::fs::File> {
+    /// Of a file.
+    ///
+    /// # Errors
+    /// One sentence: a file that cannot be read.
+    pub fn open(path: &Path) -> Result<Self, BadInput> {
+        let file = std::fs::File::open(path)
+            .map_err(|e| BadInput(format!("cannot read {}: {e}; check the path", path.display())))?;
+        Self::new(file)
+    }
+}
+
+impl<R: ChunkReader + 'static> Batches<R> {
+    fn new(from: R) -> Result<Self, BadInput> {
+        let file = SerializedFileReader::new(from).map_err(|e| cannot(&e))?;
+        let about = file.metadata().file_metadata();
+        let meta = metadata(about.key_value_metadata())?;
+        let schema = about.schema_descr_ptr();
+        let (mut columns, mut others) = (Vec::new(), Vec::new());
+        for (k, of) in schema.columns().iter().enumerate() {
+            match empty(of) {
+                Some(cells) => columns.push((k, of.name().to_string(), cells)),
+                None => others.push(of.path().string()),
+            }
+        }
+        Ok(Self { file, meta, columns, others, group: 0, readers: Vec::new() })
+    }
+
+    /// Number of numbers and texts.
+    fn size(&self) -> u64 {
+        self.file.metadata().file_metadata().num_rows().max(0) as u64 * self.columns.len() as u64
+    }
+
+    /// The columns of the next rows; `None` behind the last.
+    ///
+    /// # Errors
+    /// One sentence: what cannot be read.
+    pub fn next_batch(&mut self) -> Result<Option<Vec<(String, Cells)>>, BadInput> {
+        let schema = self.file.metadata().file_metadata().schema_descr_ptr();
+        loop {
+            let mut columns = self.columns.clone();
+            for ((k, _, cells), reader) in columns.iter_mut().zip(&mut self.readers) {
+                read_next(reader, &schema.column(*k), cells).map_err(|e| cannot(&e))?;
+            }
+            if columns.iter().any(|(_, _, cells)| !cells.is_empty()) {
+                return Ok(Some(columns.into_iter().map(|(_, name, cells)| (name, cells)).collect()));
+            }
+            if self.group == self.file.num_row_groups() {
+                return Ok(None);
+            }
+            let group = self.file.get_row_group(self.group).map_err(|e| cannot(&e))?;
+            let reader = |(k, ..): &(usize, String, Cells)| group.get_column_reader(*k);
+            self.readers = self.columns.iter().map(reader).collect::<Result<_, _>>().map_err(|e| cannot(&e))?;
+            self.group += 1;
+        }
+    }
+}
+
 /// Reads a table.
 ///
 /// # Errors
 /// One sentence: what cannot be read.
 pub fn read(bytes: Vec<u8>) -> Result<Contents, BadInput> {
-    let file = SerializedFileReader::new(bytes::Bytes::from(bytes)).map_err(|e| cannot(&e))?;
-    let about = file.metadata().file_metadata();
-    let meta = metadata(about.key_value_metadata())?;
-    let schema = about.schema_descr_ptr();
-    let mut columns: Vec<(usize, String, Cells)> = Vec::new();
-    let mut others = Vec::new();
-    for (k, of) in schema.columns().iter().enumerate() {
-        match empty(of) {
-            Some(cells) => columns.push((k, of.name().to_string(), cells)),
-            None => others.push(of.path().string()),
+    let mut batches = Batches::new(bytes::Bytes::from(bytes))?;
+    let mut columns: Vec<(String, Cells)> =
+        batches.columns.iter().map(|(_, name, cells)| (name.clone(), cells.clone())).collect();
+    while let Some(batch) = batches.next_batch()? {
+        for ((_, all), (_, more)) in columns.iter_mut().zip(batch) {
+            match (all, more) {
+                (Cells::Numbers(all, _), Cells::Numbers(more, _)) => all.extend(more),
+                (Cells::Texts(all), Cells::Texts(more)) => all.extend(more),
+                _ => {}
+            }
         }
     }
-    for group in 0..file.num_row_groups() {
-        let group = file.get_row_group(group).map_err(|e| cannot(&e))?;
-        for (k, _, cells) in &mut columns {
-            let reader = group.get_column_reader(*k).map_err(|e| cannot(&e))?;
-            read_group(reader, &schema.column(*k), cells).map_err(|e| cannot(&e))?;
-        }
-    }
-    let columns = columns.into_iter().map(|(_, name, cells)| (name, cells)).collect();
-    Ok(Contents { meta, columns, others })
+    Ok(Contents { meta: batches.meta, columns, others: batches.others })
 }
 
 /// The text of a recording that lies in a Parquet file.
@@ -214,102 +282,161 @@ pub fn read(bytes: Vec<u8>) -> Result<Contents, BadInput> {
 /// # Errors
 /// One sentence: what cannot be read, or cannot stand in a recording.
 pub fn to_csv(bytes: Vec<u8>) -> Result<String, BadInput> {
-    let table = read(bytes)?;
-    let mut s = String::new();
-    for (k, v) in &table.meta {
-        let _ = writeln!(s, "# {k}: {}", v.replace(['\n', '\r'], " "));
-    }
-    // pandas' own count of rows is no column of a recording.
-    let columns: Vec<&(String, Cells)> = table.columns.iter().filter(|(n, _)| !n.starts_with(INDEX)).collect();
-    for (name, cells) in &columns {
-        if columns::find(name).is_some() && matches!(cells, Cells::Texts(_)) {
-            return Err(BadInput(format!("the column {name} holds texts; save it as numbers")));
-        }
-    }
-    if columns.is_empty() {
-        return Err(BadInput::new("the table has no column of numbers"));
-    }
-    let names: Vec<&str> = columns.iter().map(|(n, _)| n.as_str()).collect();
-    if let Some(name) = names.iter().find(|n| n.contains([',', '\n', '"'])) {
-        return Err(BadInput(format!("a column is called \"{name}\"; rename it without commas, quotes and line ends")));
-    }
-    let _ = writeln!(s, "{}", names.join(","));
-    let rows = columns.iter().map(|(_, c)| c.len()).max().unwrap_or(0);
-    for k in 0..rows {
-        for (at, (_, cells)) in columns.iter().enumerate() {
-            if at > 0 {
-                s.push(',');
-            }
-            if let Cells::Numbers(v, _) = cells {
-                let _ = v.get(k).filter(|v| v.is_finite()).map_or(Ok(()), |v| write!(s, "{v}"));
-            }
-        }
-        s.push('\n');
-    }
-    Ok(s)
+    let mut text = String::new();
+    Text::new(Batches::new(bytes::Bytes::from(bytes))?)?
+        .read_to_string(&mut text)
+        .map_err(|e| BadInput(e.to_string()))?;
+    Ok(text)
 }
 
-/// Columns of the text of a recording as this program writes it: metadata, names, values.
-type Parts<'t> = (Vec<(String, String)>, Vec<&'t str>, Vec<Vec<Option<f64>>>);
+/// The text of a recording that lies in a Parquet file, made batch by batch.
+pub(super) struct Text<R: ChunkReader + 'static> {
+    from: Batches<R>,
+    /// Places of the columns among those of a batch.
+    places: Vec<usize>,
+    /// Made, and not read.
+    text: std::io::Cursor<Vec<u8>>,
+}
 
-fn parts(csv: &str) -> anyhow::Result<Parts<'_>> {
-    let (mut lines, mut names, mut values) = (Lines::default(), Vec::new(), Vec::new());
-    for (k, line) in csv.lines().enumerate() {
-        if let Some(meta) = line.strip_prefix('#') {
-            lines.take(k + 1, meta)?;
-        } else if names.is_empty() {
-            names = line.split(',').collect();
-            values = vec![Vec::new(); names.len()];
-        } else {
+impl Text<std::fs::File> {
+    /// Of a file that has more cells than this; `None` for one that has less, and for what cannot be read.
+    pub fn of_large(path: &Path, cells: u64) -> Option<Result<Self, BadInput>> {
+        Batches::open(path).ok().filter(|b| b.size() > cells).map(Self::new)
+    }
+}
+
+impl<R: ChunkReader + 'static> Text<R> {
+    fn new(from: Batches<R>) -> Result<Self, BadInput> {
+        let mut text = String::new();
+        for (k, v) in &from.meta {
+            let _ = writeln!(text, "# {k}: {}", v.replace(['\n', '\r'], " "));
+        }
+        // pandas' own count of rows is no column of a recording.
+        let there = from.columns.iter().enumerate().filter(|(_, (_, n, _))| !n.starts_with(INDEX));
+        let columns: Vec<(usize, &str, &Cells)> = there.map(|(at, (_, n, cells))| (at, n.as_str(), cells)).collect();
+        for (_, name, cells) in &columns {
+            if columns::find(name).is_some() && matches!(cells, Cells::Texts(_)) {
+                return Err(BadInput(format!("the column {name} holds texts; save it as numbers")));
+            }
+        }
+        if columns.is_empty() {
+            return Err(BadInput::new("the table has no column of numbers"));
+        }
+        let names: Vec<&str> = columns.iter().map(|(_, n, _)| *n).collect();
+        if let Some(name) = names.iter().find(|n| n.contains([',', '\n', '"'])) {
+            return Err(BadInput(format!(
+                "a column is called \"{name}\"; rename it without commas, quotes and line ends"
+            )));
+        }
+        let _ = writeln!(text, "{}", names.join(","));
+        let places = columns.iter().map(|(at, ..)| *at).collect();
+        Ok(Self { from, places, text: std::io::Cursor::new(text.into_bytes()) })
+    }
+
+    /// The rows of a batch.
+    fn rows(&self, batch: &[(String, Cells)]) -> String {
+        let mut s = String::new();
+        let rows = batch.iter().map(|(_, c)| c.len()).max().unwrap_or(0);
+        for k in 0..rows {
+            for (n, at) in self.places.iter().enumerate() {
+                if n > 0 {
+                    s.push(',');
+                }
+                if let Cells::Numbers(v, _) = &batch[*at].1 {
+                    let _ = v.get(k).filter(|v| v.is_finite()).map_or(Ok(()), |v| write!(s, "{v}"));
+                }
+            }
+            s.push('\n');
+        }
+        s
+    }
+}
+
+impl<R: ChunkReader + 'static> Read for Text<R> {
+    fn read(&mut self, to: &mut [u8]) -> std::io::Result<usize> {
+        let n = self.text.read(to)?;
+        if n > 0 || to.is_empty() {
+            return Ok(n);
+        }
+        match self.from.next_batch().map_err(std::io::Error::other)? {
+            Some(batch) => {
+                self.text = std::io::Cursor::new(self.rows(&batch).into_bytes());
+                self.text.read(to)
+            }
+            None => Ok(0),
+        }
+    }
+}
+
+/// A recording's text, written as Parquet part by part.
+struct Writer<W: std::io::Write + Send> {
+    to: SerializedFileWriter<W>,
+    names: Vec<String>,
+}
+
+/// `true` for a column of bits.
+fn is_bits(name: &str) -> bool {
+    columns::find(name).is_some_and(|(c, _)| c.role == Role::Status)
+}
+
+impl<W: std::io::Write + Send> Writer<W> {
+    /// With the metadata and names of the first part of a text, as this program writes it.
+    fn new(to: W, first: &str) -> anyhow::Result<Self> {
+        let mut lines = Lines::default();
+        let mut names: Vec<String> = Vec::new();
+        for (k, line) in first.lines().enumerate() {
+            if let Some(meta) = line.strip_prefix('#') {
+                lines.take(k + 1, meta)?;
+            } else if names.is_empty() {
+                names = line.split(',').map(String::from).collect();
+            }
+        }
+        let fields = names
+            .iter()
+            .map(|name| {
+                let physical = if is_bits(name) { Physical::INT32 } else { Physical::DOUBLE };
+                Type::primitive_type_builder(name, physical).with_repetition(Repetition::OPTIONAL).build().map(Arc::new)
+            })
+            .collect::<Result<Vec<_>, _>>()?;
+        let schema = Arc::new(Type::group_type_builder("schema").with_fields(fields).build()?);
+        let meta: serde_json::Map<String, serde_json::Value> =
+            lines.entries.into_iter().map(|(k, v)| (k, v.into())).collect();
+        let attributes = KeyValue::new(ATTRIBUTES.to_string(), serde_json::to_string(&meta)?);
+        let properties = WriterProperties::builder()
+            .set_compression(Compression::SNAPPY)
+            .set_key_value_metadata(Some(vec![attributes]))
+            .build();
+        Ok(Self { to: SerializedFileWriter::new(to, schema, Arc::new(properties))?, names })
+    }
+
+    /// Adds rows: a group of their own.
+    fn add<'t>(&mut self, rows: impl Iterator<Item = &'t str>) -> anyhow::Result<()> {
+        let mut values: Vec<Vec<Option<f64>>> = vec![Vec::new(); self.names.len()];
+        for line in rows.filter(|l| !l.starts_with('#')) {
             let mut cells = line.split(',');
             for column in &mut values {
                 column.push(cells.next().and_then(|c| c.parse().ok()));
             }
         }
-    }
-    Ok((lines.entries, names, values))
-}
-
-/// The Parquet file of a recording's text, as this program writes it.
-///
-/// # Errors
-/// None that a recording of this program gives.
-pub fn from_csv(csv: &str) -> anyhow::Result<Vec<u8>> {
-    let (meta, names, values) = parts(csv)?;
-    let bits = |name: &str| columns::find(name).is_some_and(|(c, _)| c.role == Role::Status);
-    let fields = names
-        .iter()
-        .map(|name| {
-            let physical = if bits(name) { Physical::INT32 } else { Physical::DOUBLE };
-            Type::primitive_type_builder(name, physical).with_repetition(Repetition::OPTIONAL).build().map(Arc::new)
-        })
-        .collect::<Result<Vec<_>, _>>()?;
-    let schema = Arc::new(Type::group_type_builder("schema").with_fields(fields).build()?);
-    let meta: serde_json::Map<String, serde_json::Value> = meta.into_iter().map(|(k, v)| (k, v.into())).collect();
-    let attributes = KeyValue::new(ATTRIBUTES.to_string(), serde_json::to_string(&meta)?);
-    let properties = WriterProperties::builder()
-        .set_compression(Compression::SNAPPY)
-        .set_key_value_metadata(Some(vec![attributes]))
-        .build();
-    let mut writer = SerializedFileWriter::new(Vec::new(), schema, Arc::new(properties))?;
-    let mut group = writer.next_row_group()?;
-    for (name, column) in names.iter().zip(&values) {
-        let Some(mut out) = group.next_column()? else { break };
-        for part in column.chunks(ROWS) {
-            let levels: Vec<i16> = part.iter().map(|v| i16::from(v.is_some())).collect();
-            let there = part.iter().copied().flatten();
-            if bits(name) {
-                let there: Vec<i32> = there.map(|v| v as i32).collect();
-                out.typed::<Int32Type>().write_batch(&there, Some(&levels), None)?;
-            } else {
-                let there: Vec<f64> = there.collect();
-                out.typed::<DoubleType>().write_batch(&there, Some(&levels), None)?;
+        let mut group = self.to.next_row_group()?;
+        for (name, column) in self.names.iter().zip(&values) {
+            let Some(mut out) = group.next_column()? else { break };
+            for part in column.chunks(ROWS) {
+                let levels: Vec<i16> = part.iter().map(|v| i16::from(v.is_some())).collect();
+                let there = part.iter().copied().flatten();
+                if is_bits(name) {
+                    let there: Vec<i32> = there.map(|v| v as i32).collect();
+                    out.typed::<Int32Type>().write_batch(&there, Some(&levels), None)?;
+                } else {
+                    let there: Vec<f64> = there.collect();
+                    out.typed::<DoubleType>().write_batch(&there, Some(&levels), None)?;
+                }
             }
+            out.close()?;
         }
-        out.close()?;
+        group.close()?;
+        Ok(())
     }
-    group.close()?;
-    Ok(writer.into_inner()?)
 }
 
 /// A table as Parquet: numbers (NaN where missing) and texts (empty where missing).
@@ -379,11 +506,51 @@ pub fn begins_as_parquet(path: &Path) -> bool {
 /// # Errors
 /// If the folder cannot be written.
 pub fn write_text(path: &Path, csv: &str) -> anyhow::Result<()> {
-    if is_wanted(path) {
-        crate::output::write_file(path, &from_csv(csv)?)
-    } else {
-        crate::output::write_file(path, csv.as_bytes())
+    write_parts(path, |part| part(csv))
+}
+
+/// The same of a text that is made part by part; the first one has metadata and names.
+///
+/// # Errors
+/// If the folder cannot be written, and what makes the parts; a file that was there stays as it was.
+pub fn write_parts<T>(
+    path: &Path,
+    make: impl FnOnce(&mut dyn FnMut(&str) -> anyhow::Result<()>) -> anyhow::Result<T>,
+) -> anyhow::Result<T> {
+    crate::output::write_with(path, |out| {
+        if is_wanted(path) {
+            into(out, make)
+        } else {
+            make(&mut |part| Ok(out.write_all(part.as_bytes())?))
+        }
+    })
+}
+
+/// Writes parts as Parquet.
+fn into<T>(
+    out: impl std::io::Write + Send,
+    make: impl FnOnce(&mut dyn FnMut(&str) -> anyhow::Result<()>) -> anyhow::Result<T>,
+) -> anyhow::Result<T> {
+    let (mut out, mut writer) = (Some(out), None);
+    let made = make(&mut |part| {
+        if let Some(out) = out.take() {
+            let rows = part.lines().skip_while(|l| l.starts_with('#')).skip(1);
+            return writer.insert(Writer::new(out, part)?).add(rows);
+        }
+        writer.as_mut().map_or(Ok(()), |w| w.add(part.lines()))
+    })?;
+    if let Some(writer) = writer {
+        writer.to.close()?;
     }
+    Ok(made)
+}
+
+/// The Parquet file of a recording's text.
+#[cfg(test)]
+pub fn from_csv(csv: &str) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    into(&mut bytes, |part| part(csv)).expect("written");
+    bytes
 }
 
 #[cfg(test)]
@@ -393,7 +560,7 @@ mod tests {
     use super::*;
 
     fn both_ways(csv: &str) -> String {
-        to_csv(from_csv(csv).expect("written")).expect("readable")
+        to_csv(from_csv(csv)).expect("readable")
     }
 
     #[test]
@@ -424,7 +591,7 @@ mod tests {
     fn what_a_unit_sent_comes_back_to_the_last_bit() {
         let text = "# rates: corrected\n# unit: A\ntime_s,fx_hz,rate_x_dph,bias_x_dph,status_x,status_unit\n\
                     1,4878.848000000001,0.1,,3,0\n2,4878.8,-0.30000001,1e-7,65535,1\n";
-        let bytes = from_csv(text).expect("written");
+        let bytes = from_csv(text);
         let table = read(bytes.clone()).expect("readable");
         assert_eq!(table.columns[4], ("status_x".into(), Cells::Numbers(vec![3.0, 65535.0], None)));
         let back = to_csv(bytes).expect("readable");
@@ -435,7 +602,7 @@ mod tests {
 
     #[test]
     fn what_is_no_table_is_refused() {
-        let whole = from_csv(&rows(50)).expect("written");
+        let whole = from_csv(&rows(50));
         for bad in [MAGIC.to_vec(), whole[..whole.len() / 2].to_vec(), [&whole[..40], &[0; 400][..], &MAGIC].concat()] {
             let e = to_csv(bad).expect_err("refused").0;
             assert!(e.starts_with("cannot be read as Parquet: "), "{e}");

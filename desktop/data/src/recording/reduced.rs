@@ -15,6 +15,9 @@ pub const MEAN_S: f64 = 0.1;
 /// Bytes of text from which on a recording is reduced, unless its rows are further apart than half a mean.
 const MOST_WHOLE: u64 = 384 << 20;
 
+/// The same in cells of a table, of which each makes some eight bytes of text.
+const MOST_CELLS: u64 = MOST_WHOLE / 8;
+
 /// Bytes of text of a part.
 const PART: usize = 64 << 20;
 
@@ -30,8 +33,12 @@ impl Recording {
     pub(super) fn read_reduced(path: &Path) -> Option<Result<Self, BadInput>> {
         let size = std::fs::metadata(path).ok().filter(std::fs::Metadata::is_file)?.len();
         // (Text of numbers is packed to a third at the most, and to a thousandth where it repeats.)
-        if size < MOST_WHOLE / 1000 || parquet::begins_as_parquet(path) {
+        if size < MOST_WHOLE / 1000 {
             return None;
+        }
+        if parquet::begins_as_parquet(path) {
+            let text = parquet::Text::of_large(path, MOST_CELLS)?;
+            return Some(text.and_then(|text| Self::in_parts(text, PART)));
         }
         let mut file = std::io::BufReader::with_capacity(1 << 20, std::fs::File::open(path).ok()?);
         let begin = file.fill_buf().ok()?;
@@ -49,64 +56,27 @@ impl Recording {
     }
 
     /// Reads parts of so many bytes, and joins what they are reduced to.
-    fn in_parts(mut text: impl Read, part: usize) -> Result<Self, BadInput> {
-        let cannot = |e: std::io::Error| BadInput(format!("it cannot be read: {e}"));
-        let (mut head, mut rest) = (Vec::new(), Vec::new());
-        let mut whole: Option<Self> = None;
-        let (mut rows, mut spikes, mut lines, mut missing) = (0usize, 0usize, 0usize, 0usize);
-        loop {
-            let from = rest.len();
-            let n = text.by_ref().take(part as u64).read_to_end(&mut rest).map_err(cannot)?;
-            let end = if n == 0 { rest.len() } else { memchr::memrchr(b'\n', &rest).map_or(0, |at| at + 1) };
-            if end == 0 && n > 0 {
-                continue;
-            }
-            if rest[..end].iter().all(u8::is_ascii_whitespace) && n == 0 {
-                break;
-            }
-            let after = rest.split_off(end);
-            let piece = std::mem::replace(&mut rest, after);
-            no_zero(&piece, from)?;
-            let bytes = if head.is_empty() {
-                head = header(&piece).to_vec();
-                piece
-            } else {
-                [head.as_slice(), &piece].concat()
-            };
-            let mut r = Self::parse(&bytes).map_err(|e| match lines {
-                0 => e,
-                _ => BadInput(format!("in the part that begins at line {}, lines counted from there: {e}", lines + 1)),
-            })?;
-            lines += super::lines::count(&bytes);
-            if let Some(step) = r.meta(super::metadata::TIME_STEP).and_then(|v| v.parse::<f64>().ok()) {
-                r.time_s.iter_mut().for_each(|t| *t += rows as f64 * step);
-            }
-            rows += r.time_s.len();
-            missing += r.cleaned.iter().map(|c| c.count).sum::<usize>();
-            let (r, taken) = r.reduced();
-            spikes += taken;
-            match &mut whole {
-                None => whole = Some(r),
-                Some(whole) => whole.append(r),
-            }
-            if n == 0 {
-                break;
-            }
+    fn in_parts(text: impl Read, part: usize) -> Result<Self, BadInput> {
+        let (mut parts, mut reduced) = (Parts::new(text, part), Reduced::default());
+        while let Some((_, r)) = parts.next_part()? {
+            reduced.add(r);
         }
-        let mut whole = whole.ok_or_else(|| BadInput::new("the file is empty: there is no header line"))?;
-        whole.notes.retain(|n| !n.contains("values are missing"));
-        whole.meta.retain(|(k, _)| k != super::metadata::TIME_STEP);
-        whole.notes.push(format!(
-            "{rows} rows are too many to be in memory: read as means of {MEAN_S} s, {} of them; figures of shorter times are not theirs",
-            whole.time_s.len()
-        ));
-        if spikes > 0 {
-            whole.notes.push(format!("{spikes} samples of rates are spikes within their mean: not in it"));
+        reduced.recording()
+    }
+
+    /// `true` for a file of text, packed or not, or of Parquet that is too large to be in memory as it is.
+    #[must_use]
+    pub fn is_large(path: &Path) -> bool {
+        let size = std::fs::metadata(path).ok().filter(std::fs::Metadata::is_file).map_or(0, |m| m.len());
+        if size < MOST_WHOLE / 1000 {
+            return false;
         }
-        if missing > 0 {
-            whole.notes.push(format!("{missing} values are missing"));
+        if parquet::begins_as_parquet(path) {
+            return parquet::Text::of_large(path, MOST_CELLS).is_some();
         }
-        Ok(whole)
+        let longer = |text: Box<dyn Read>| std::io::copy(&mut text.take(MOST_WHOLE), &mut std::io::sink()).ok();
+        size >= MOST_WHOLE
+            || crate::files::text(path, crate::files::MOST_RECORDING).ok().and_then(longer) == Some(MOST_WHOLE)
     }
 
     /// Means over [`MEAN_S`], and how many samples of rates are in none, as spikes. Rows that are further apart than half of it stay.
@@ -149,13 +119,150 @@ impl Recording {
         (Self { time_s, frequency_hz, rate_dph, optional, status, ..self }, spikes)
     }
 
-    fn append(&mut self, other: Self) {
+    /// Adds the rows of a part that follows.
+    pub(super) fn append(&mut self, other: Self) {
         self.time_s.extend(other.time_s);
         self.frequency_hz.iter_mut().zip(other.frequency_hz).for_each(|(a, b)| a.extend(b));
         self.rate_dph.iter_mut().zip(other.rate_dph).for_each(|(a, b)| a.extend(b));
         self.optional.iter_mut().zip(other.optional).for_each(|((_, a), (_, b))| a.extend(b));
         self.status.extend(other.status);
     }
+}
+
+/// A recording as text, read part by part.
+pub struct Parts<R> {
+    text: R,
+    /// Bytes of a part, about.
+    part: usize,
+    /// The lines up to the names of the columns.
+    head: Vec<u8>,
+    /// Read, and not given.
+    rest: Vec<u8>,
+    /// Rows and lines so far.
+    rows: usize,
+    lines: usize,
+    ended: bool,
+}
+
+impl Parts<Box<dyn Read>> {
+    /// Of a file: text, packed or not, or Parquet.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub fn open(path: &Path) -> Result<Self, BadInput> {
+        let text: Box<dyn Read> = match parquet::Text::of_large(path, 0).filter(|_| parquet::begins_as_parquet(path)) {
+            Some(text) => Box::new(text?),
+            None => crate::files::text(path, crate::files::MOST_RECORDING)?,
+        };
+        Ok(Self::new(text, PART))
+    }
+}
+
+impl<R: Read> Parts<R> {
+    /// Of a text.
+    fn new(text: R, part: usize) -> Self {
+        Self { text, part, head: Vec::new(), rest: Vec::new(), rows: 0, lines: 0, ended: false }
+    }
+
+    /// The next part: its text, the first with the names of the columns and what is before them, and its rows. `None` behind the last.
+    ///
+    /// # Errors
+    /// As [`Recording::parse`].
+    pub fn next_part(&mut self) -> Result<Option<(Vec<u8>, Recording)>, BadInput> {
+        let cannot = |e: std::io::Error| BadInput(format!("it cannot be read: {e}"));
+        while !self.ended {
+            let from = self.rest.len();
+            let n = self.text.by_ref().take(self.part as u64).read_to_end(&mut self.rest).map_err(cannot)?;
+            self.ended = n == 0;
+            let all = self.rest.len();
+            let end = if self.ended { all } else { memchr::memrchr(b'\n', &self.rest).map_or(0, |at| at + 1) };
+            if end == 0 && !self.ended || self.ended && self.rest.iter().all(u8::is_ascii_whitespace) {
+                continue;
+            }
+            let after = self.rest.split_off(end);
+            let piece = std::mem::replace(&mut self.rest, after);
+            no_zero(&piece, from)?;
+            let mut r = if self.head.is_empty() {
+                self.head = header(&piece).to_vec();
+                Recording::parse(&piece)?
+            } else {
+                Recording::parse(&[self.head.as_slice(), &piece].concat()).map_err(|e| {
+                    let at = self.lines + 1;
+                    BadInput(format!("in the part that begins at line {at}, lines counted from there: {e}"))
+                })?
+            };
+            self.lines += super::lines::count(&piece);
+            if let Some(step) = r.meta(super::metadata::TIME_STEP).and_then(|v| v.parse::<f64>().ok()) {
+                r.time_s.iter_mut().for_each(|t| *t += self.rows as f64 * step);
+            }
+            self.rows += r.time_s.len();
+            return Ok(Some((piece, r)));
+        }
+        Ok(None)
+    }
+}
+
+/// What parts of a recording are reduced to.
+#[derive(Debug, Default)]
+pub struct Reduced {
+    whole: Option<Recording>,
+    /// Time between two rows, s.
+    step_s: f64,
+    /// Rows, samples of rates that are spikes, and values that are missing.
+    rows: usize,
+    spikes: usize,
+    missing: usize,
+}
+
+impl Reduced {
+    /// Adds a part.
+    pub fn add(&mut self, r: Recording) {
+        self.rows += r.time_s.len();
+        self.missing += r.cleaned.iter().map(|c| c.count).sum::<usize>();
+        if self.whole.is_none() {
+            self.step_s = r.step_s();
+        }
+        let (r, spikes) = r.reduced();
+        self.spikes += spikes;
+        match &mut self.whole {
+            None => self.whole = Some(r),
+            Some(whole) => whole.append(r),
+        }
+    }
+
+    /// Number of rows, and the time between two of them, s.
+    #[must_use]
+    pub fn rows(&self) -> (usize, f64) {
+        (self.rows, self.step_s)
+    }
+
+    /// The recording of all parts.
+    ///
+    /// # Errors
+    /// There was none.
+    pub fn recording(self) -> Result<Recording, BadInput> {
+        let Self { rows, spikes, missing, .. } = self;
+        let mut whole = self.whole.ok_or_else(|| BadInput::new("the file is empty: there is no header line"))?;
+        whole.notes.retain(|n| !n.contains("values are missing"));
+        whole.meta.retain(|(k, _)| k != super::metadata::TIME_STEP);
+        whole.notes.push(format!(
+            "{rows} rows are too many to be in memory: read as means of {MEAN_S} s, {} of them; figures of shorter times are not theirs",
+            whole.time_s.len()
+        ));
+        if spikes > 0 {
+            whole.notes.push(format!("{spikes} samples of rates are spikes within their mean: not in it"));
+        }
+        if missing > 0 {
+            whole.notes.push(format!("{missing} values are missing"));
+        }
+        Ok(whole)
+    }
+}
+
+/// The rows of a text: what comes behind the names of the columns.
+#[must_use]
+pub fn rows_of(text: &str) -> &str {
+    &text[header(text.as_bytes()).len()..]
 }
 
 /// The lines up to the names of the columns.
@@ -210,6 +317,41 @@ fn without_spikes(values: &[f64], buffer: &mut Vec<f64>) -> (f64, usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn parts_of_a_table_are_those_of_its_text() {
+        let mut text = String::from("# hrg-recording: 2\n# unit: G-1\ntime_s,temp_c,rate_x_dph,status\n");
+        for k in 0..5000 {
+            text +=
+                &format!("{k},{},{},{}\n", 20 + k % 7, if k % 50 == 0 { String::new() } else { k.to_string() }, k % 3);
+        }
+        let folder = std::env::temp_dir().join(format!("hrg-parts-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("a folder");
+        let path = folder.join("run.parquet");
+        let half = text.match_indices('\n').nth(2500).expect("lines").0 + 1;
+        let written = parquet::write_parts(&path, |to| to(&text[..half]).and_then(|()| to(&text[half..])));
+        written.expect("written");
+        let of = |mut parts: Parts<Box<dyn Read>>| {
+            let (mut all, mut count, mut again) = (Recording::default(), 0, Vec::new());
+            while let Some((piece, r)) = parts.next_part().expect("reads") {
+                again.extend(piece);
+                if count == 0 {
+                    all = r;
+                } else {
+                    all.append(r);
+                }
+                count += 1;
+            }
+            (all.to_csv(), all.status, count, String::from_utf8(again).expect("text"))
+        };
+        let (whole, status, _, again) = of(Parts::new(Box::new(std::io::Cursor::new(text.clone())), 1 << 12));
+        assert!(again == text && rows_of(&text).starts_with("0,20"));
+        let read = of(Parts::open(&path).expect("opens"));
+        assert!(read.0 == whole && read.1 == status && read.2 == 1, "{}", read.2);
+        std::fs::write(folder.join("run.csv"), &text).expect("written");
+        assert_eq!(of(Parts::open(&folder.join("run.csv")).expect("opens")).0, whole);
+        let _ = std::fs::remove_dir_all(&folder);
+    }
 
     #[test]
     fn parts_are_means_whatever_their_length() {

@@ -8,21 +8,46 @@ use crate::recording::dialect::is_missing;
 use crate::recording::parquet;
 use crate::recording::parquet::Cells;
 use crate::recording::time_form::TimeForm;
+use std::collections::BTreeSet;
+use std::path::Path;
 
-/// Reads the columns of a Parquet table that a map wants.
-///
-/// # Errors
-/// One sentence with row and column.
-pub fn read(bytes: Vec<u8>, map: &Map) -> Result<Table, BadInput> {
-    let contents = parquet::read(bytes)?;
-    let mut table = table(&contents.columns, map)?;
-    if !contents.others.is_empty() {
-        table.notes.push(format!(
-            "columns of lists, structures or decimals are left out: {}",
-            crate::error::list(&contents.others)
-        ));
+/// A Parquet table, read batch by batch.
+pub struct Batches<'m> {
+    from: parquet::Batches<std::fs::File>,
+    filling: Filling<'m>,
+}
+
+impl<'m> Batches<'m> {
+    /// Of a file.
+    ///
+    /// # Errors
+    /// A file that is none.
+    pub fn open(path: &Path, map: &'m Map) -> Result<Self, BadInput> {
+        Ok(Self { from: parquet::Batches::open(path)?, filling: Filling::new(map) })
     }
-    Ok(table)
+
+    /// The rows of the next batch; `None` behind the last.
+    ///
+    /// # Errors
+    /// One sentence with row and column.
+    pub fn next_batch(&mut self) -> Result<Option<Table>, BadInput> {
+        self.from.next_batch()?.map(|columns| self.filling.take(&columns)).transpose()
+    }
+
+    /// Notes of the whole, behind the last batch.
+    ///
+    /// # Errors
+    /// The file does not have the IMU that is wanted.
+    pub fn notes(&self) -> Result<Vec<String>, BadInput> {
+        let mut notes = self.filling.notes()?;
+        if !self.from.others.is_empty() {
+            notes.push(format!(
+                "columns of lists, structures or decimals are left out: {}",
+                crate::error::list(&self.from.others)
+            ));
+        }
+        Ok(notes)
+    }
 }
 
 /// The columns that a map wants, of those that are there.
@@ -30,64 +55,92 @@ pub fn read(bytes: Vec<u8>, map: &Map) -> Result<Table, BadInput> {
 /// # Errors
 /// One sentence with row and column.
 pub fn table(columns: &[(String, Cells)], map: &Map) -> Result<Table, BadInput> {
-    let names: Vec<String> = columns.iter().map(|(n, _)| n.clone()).collect();
-    let wanted = choose(map, &names)?;
-    let mut table = Table::default();
-    let rows = kept(columns, map, &mut table.notes)?;
-    for (at, name) in wanted {
-        let is_time = map.time.column.as_ref().is_some_and(|c| c.all().contains(&name.as_str()));
-        let form = map.time.form()?;
-        let dates = (is_time && !form.is_number()).then_some(&form);
-        let cells = &columns[at].1;
-        let values = rows.iter().map(|k| number(cells, *k, dates)).collect::<Option<Vec<f64>>>();
-        let values = values.ok_or_else(|| {
-            let row = rows.iter().find(|k| number(cells, **k, dates).is_none()).map_or(0, |k| k + 1);
-            let wanted = dates.map_or("a number".to_string(), |f| format!("a time of the form {}", f.name()));
-            BadInput(format!("row {row}, column \"{name}\": the cell is not {wanted}; correct or empty it"))
-        })?;
-        if dates.is_some() {
-            table.time_s = Some(values);
-        } else {
-            table.columns.push((name, values));
-        }
-    }
-    let empty: usize = table.columns.iter().map(|(_, v)| v.iter().filter(|v| v.is_nan()).count()).sum();
-    if empty > 0 {
-        table.notes.push(format!("{empty} cells are empty"));
-    }
-    Ok(table)
+    let mut filling = Filling::new(map);
+    let table = filling.take(columns)?;
+    Ok(Table { notes: filling.notes()?, ..table })
 }
 
-/// The rows that the map keeps, in order.
-fn kept(columns: &[(String, Cells)], map: &Map, notes: &mut Vec<String>) -> Result<Vec<usize>, BadInput> {
-    let rows = columns.iter().map(|(_, c)| c.len()).max().unwrap_or(0);
-    let mut kept: Vec<usize> = (0..rows).collect();
-    for (name, word) in &map.table.keep {
-        let (_, cells) = columns.iter().find(|(n, _)| n == name).ok_or_else(|| {
-            let names: Vec<&str> = columns.iter().map(|(n, _)| n.as_str()).collect();
-            BadInput(format!(
-                "the map keeps rows by the column \"{name}\", which is not there; there are {}",
-                names.join(", ")
-            ))
-        })?;
-        kept.retain(|k| match cells {
-            Cells::Texts(v) => v.get(*k).is_some_and(|t| t == word),
-            Cells::Numbers(v, _) => v.get(*k).is_some_and(|n| word.parse() == Ok(*n)),
-        });
+/// A table that columns are put into, some rows at a time.
+struct Filling<'m> {
+    map: &'m Map,
+    /// Rows so far, and those of them that were dropped by the map.
+    rows: usize,
+    dropped: usize,
+    /// Cells that are empty.
+    empty: usize,
+    /// Numbers of IMUs.
+    imus: BTreeSet<u8>,
+}
+
+impl<'m> Filling<'m> {
+    fn new(map: &'m Map) -> Self {
+        Self { map, rows: 0, dropped: 0, empty: 0, imus: BTreeSet::new() }
     }
-    let numbers = map.table.instance_column.as_ref().and_then(|name| columns.iter().find(|(n, _)| n == name));
-    if let Some((_, cells)) = numbers {
-        let number = |k: usize| imu_number(number(cells, k, None));
-        let imus = kept.iter().filter_map(|k| number(*k)).collect();
-        let taken = map.table.instance;
-        kept.retain(|k| number(*k) == Some(taken));
-        if kept.is_empty() {
-            let there: Vec<String> = std::collections::BTreeSet::iter(&imus).map(u8::to_string).collect();
+
+    fn take(&mut self, columns: &[(String, Cells)]) -> Result<Table, BadInput> {
+        let names: Vec<String> = columns.iter().map(|(n, _)| n.clone()).collect();
+        let wanted = choose(self.map, &names)?;
+        let mut table = Table::default();
+        let rows = self.kept(columns)?;
+        for (at, name) in wanted {
+            let is_time = self.map.time.column.as_ref().is_some_and(|c| c.all().contains(&name.as_str()));
+            let form = self.map.time.form()?;
+            let dates = (is_time && !form.is_number()).then_some(&form);
+            let cells = &columns[at].1;
+            let values = rows.iter().map(|k| number(cells, *k, dates)).collect::<Option<Vec<f64>>>();
+            let values = values.ok_or_else(|| {
+                let row = rows.iter().find(|k| number(cells, **k, dates).is_none()).map_or(0, |k| self.rows + k + 1);
+                let wanted = dates.map_or("a number".to_string(), |f| format!("a time of the form {}", f.name()));
+                BadInput(format!("row {row}, column \"{name}\": the cell is not {wanted}; correct or empty it"))
+            })?;
+            if dates.is_some() {
+                table.time_s = Some(values);
+            } else {
+                table.columns.push((name, values));
+            }
+        }
+        self.empty += table.columns.iter().map(|(_, v)| v.iter().filter(|v| v.is_nan()).count()).sum::<usize>();
+        self.rows += columns.iter().map(|(_, c)| c.len()).max().unwrap_or(0);
+        Ok(table)
+    }
+
+    /// The rows that the map keeps, in order.
+    fn kept(&mut self, columns: &[(String, Cells)]) -> Result<Vec<usize>, BadInput> {
+        let rows = columns.iter().map(|(_, c)| c.len()).max().unwrap_or(0);
+        let mut kept: Vec<usize> = (0..rows).collect();
+        for (name, word) in &self.map.table.keep {
+            let (_, cells) = columns.iter().find(|(n, _)| n == name).ok_or_else(|| {
+                let names: Vec<&str> = columns.iter().map(|(n, _)| n.as_str()).collect();
+                BadInput(format!(
+                    "the map keeps rows by the column \"{name}\", which is not there; there are {}",
+                    names.join(", ")
+                ))
+            })?;
+            kept.retain(|k| match cells {
+                Cells::Texts(v) => v.get(*k).is_some_and(|t| t == word),
+                Cells::Numbers(v, _) => v.get(*k).is_some_and(|n| word.parse() == Ok(*n)),
+            });
+        }
+        let numbers = self.map.table.instance_column.as_ref().and_then(|name| columns.iter().find(|(n, _)| n == name));
+        if let Some((_, cells)) = numbers {
+            let number = |k: usize| imu_number(number(cells, k, None));
+            self.imus.extend(kept.iter().filter_map(|k| number(*k)));
+            kept.retain(|k| number(*k) == Some(self.map.table.instance));
+        }
+        let dropped = (self.map.table.drop_rows - self.dropped).min(kept.len());
+        self.dropped += dropped;
+        Ok(kept.split_off(dropped))
+    }
+
+    fn notes(&self) -> Result<Vec<String>, BadInput> {
+        let taken = self.map.table.instance;
+        if !self.imus.is_empty() && !self.imus.contains(&taken) {
+            let there: Vec<String> = self.imus.iter().map(u8::to_string).collect();
             return Err(BadInput(format!("the file has no IMU {taken}; it has {}", crate::error::list(&there))));
         }
-        notes.extend(super::others(&imus, taken));
+        let empty = (self.empty > 0).then(|| format!("{} cells are empty", self.empty));
+        Ok(super::others(&self.imus, taken).into_iter().chain(empty).collect())
     }
-    Ok(kept.split_off(map.table.drop_rows.min(kept.len())))
 }
 
 /// A cell as a number, or in seconds where it is a date; `None` where it is neither.
@@ -127,14 +180,15 @@ z = { column = \"gz\", unit = \"deg/s\" }
     #[test]
     fn rows_and_columns_are_those_of_the_map() {
         let csv = "t,imu,T,gz\n0,0,20,1\n10,1,99,9\n20,0,21,2\n30,0,,3\n";
-        let bytes = parquet::from_csv(csv).expect("written");
-        let table = read(bytes.clone(), &Map::parse(MAP).expect("a map")).expect("fits");
+        let columns = parquet::read(parquet::from_csv(csv)).expect("readable").columns;
+        let read = |map: &str| table(&columns, &Map::parse(map).expect("a map"));
+        let table = read(MAP).expect("fits");
         assert_eq!(table.columns[0], ("t".into(), vec![20.0, 30.0]));
         assert_eq!(table.columns[2], ("gz".into(), vec![2.0, 3.0]));
         assert!(table.columns[1].1[1].is_nan() && table.notes == ["1 cells are empty"]);
-        let e = read(bytes.clone(), &Map::parse(&MAP.replace("gz", "wz")).expect("a map")).expect_err("no wz").0;
+        let e = read(&MAP.replace("gz", "wz")).expect_err("no wz").0;
         assert!(e.contains("\"wz\"") && e.contains("\"gz\""), "{e}");
-        let e = read(bytes, &Map::parse(&MAP.replace("imu", "I")).expect("a map")).expect_err("no I").0;
+        let e = read(&MAP.replace("imu", "I")).expect_err("no I").0;
         assert!(e.contains("\"I\", which is not there; there are t, imu, T, gz"), "{e}");
     }
 }

@@ -9,26 +9,13 @@ use std::borrow::Cow;
 /// # Errors
 /// A label that is none; bytes that are no text of that encoding.
 pub fn decode<'b>(bytes: &'b [u8], label: Option<&str>) -> Result<(Cow<'b, str>, Option<String>), BadInput> {
-    let known = |label: &str| {
-        Encoding::for_label(label.as_bytes()).ok_or_else(|| {
-            BadInput(format!("\"{label}\" is no encoding; there are utf-8, utf-16le, utf-16be, windows-1252, latin1 and others of the WHATWG list"))
-        })
-    };
     let stated = label.map(known).transpose()?;
     if let Some((encoding, mark)) = Encoding::for_bom(bytes) {
         return Ok((encoding.decode_without_bom_handling(&bytes[mark..]).0, None));
     }
     let guessed = || match () {
         () if std::str::from_utf8(bytes).is_ok() && !bytes.contains(&0) => (UTF_8, None),
-        () => {
-            // Every second byte of ASCII in UTF-16 is zero.
-            let zeros = |odd: usize| bytes.iter().take(2000).skip(odd).step_by(2).filter(|b| **b == 0).count();
-            match bytes.len().min(2000) / 4 {
-                least if zeros(1) > least => (UTF_16LE, Some("UTF-16")),
-                least if zeros(0) > least => (UTF_16BE, Some("UTF-16")),
-                _ => (WINDOWS_1252, Some("Windows-1252 (Latin-1)")),
-            }
-        }
+        () => wide(bytes).map_or((WINDOWS_1252, Some("Windows-1252 (Latin-1)")), |wide| (wide, Some("UTF-16"))),
     };
     let (encoding, name) = stated.map_or_else(guessed, |e| (e, None));
     let (text, broken) = encoding.decode_without_bom_handling(bytes);
@@ -40,6 +27,34 @@ pub fn decode<'b>(bytes: &'b [u8], label: Option<&str>) -> Result<(Cow<'b, str>,
     }
     let note = name.map(|n| format!("the text is not UTF-8: read as {n}"));
     Ok((text, note))
+}
+
+fn known(label: &str) -> Result<&'static Encoding, BadInput> {
+    Encoding::for_label(label.as_bytes()).ok_or_else(|| {
+        BadInput(format!("\"{label}\" is no encoding; there are utf-8, utf-16le, utf-16be, windows-1252, latin1 and others of the WHATWG list"))
+    })
+}
+
+/// UTF-16 where every second byte is zero, as it is of ASCII.
+fn wide(bytes: &[u8]) -> Option<&'static Encoding> {
+    let zeros = |odd: usize| bytes.iter().take(2000).skip(odd).step_by(2).filter(|b| **b == 0).count();
+    let least = bytes.len().min(2000) / 4;
+    match () {
+        () if zeros(1) > least => Some(UTF_16LE),
+        () if zeros(0) > least => Some(UTF_16BE),
+        () => None,
+    }
+}
+
+/// `true` for the beginning of a text whose line feed is no byte of its own.
+///
+/// # Errors
+/// A label that is no encoding.
+pub fn has_wide_characters(begin: &[u8], label: Option<&str>) -> Result<bool, BadInput> {
+    let stated = label.map(known).transpose()?;
+    let marked = Encoding::for_bom(begin).map(|(encoding, _)| encoding);
+    let encoding = marked.or(stated).or_else(|| wide(begin));
+    Ok(encoding.is_some_and(|e| e == UTF_16LE || e == UTF_16BE))
 }
 
 #[cfg(test)]

@@ -1,13 +1,15 @@
 //! Tables as text: the columns that a map wants, as numbers.
 
-use super::decode::decode;
+use super::decode::{decode, has_wide_characters};
 use super::map::{Layout, Map};
 use super::{choose, imu_number, Table};
 use crate::error::BadInput;
 use crate::recording::dialect::{is_missing, number, DialectError};
+use crate::recording::lines::Lines;
 use crate::recording::time_form::{Days, TimeForm};
 use std::borrow::Cow;
 use std::collections::BTreeSet;
+use std::io::Read;
 
 /// Separator of the cells.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,107 +61,262 @@ impl Separator {
 /// A row of cells with the number of its line.
 pub(super) type Row<'t> = Result<(usize, Vec<Cow<'t, str>>), BadInput>;
 
-/// Cells of the lines of a text that hold data, with the number of each line; the header is the first.
-pub(super) fn lines<'t>(text: &'t str, layout: &'t Layout) -> Result<impl Iterator<Item = Row<'t>> + 't, BadInput> {
-    let data = |l: &str| !l.trim().is_empty() && (layout.comment.is_empty() || !l.starts_with(&layout.comment));
-    // (Old programs end lines by a carriage return alone.)
-    let by = if text.contains('\n') { '\n' } else { '\r' };
-    let all = text.split(by).map(|l| l.trim_end_matches('\r')).enumerate();
-    let mut lines = all.skip(layout.skip_lines).filter(move |(_, l)| data(l)).peekable();
-    let Some(&(_, first)) = lines.peek() else { return Err(BadInput::new("there is no header line")) };
-    let separator = Separator::of(layout, first)?;
-    Ok(lines.map(move |(line, l)| {
-        let cells = separator.cells(l);
-        let open = || BadInput(format!("line {}: a quote is not closed at the end of its cell", line + 1));
-        Ok((line + 1, cells.ok_or_else(open)?))
-    }))
+/// Cells of the lines of a text that hold data, the text given piece by piece.
+pub(super) struct Rows<'l> {
+    layout: &'l Layout,
+    /// Known from the first line of data on, the header.
+    separator: Option<Separator>,
+    /// End of a line. (Old programs end lines by a carriage return alone.)
+    by: Option<char>,
+    /// Lines before this piece.
+    before: usize,
 }
 
-/// Reads the columns of a table that a map wants.
-///
-/// # Errors
-/// One sentence with line and column.
-pub fn read(bytes: &[u8], map: &Map) -> Result<Table, BadInput> {
-    let (text, note) = decode(bytes, map.table.encoding.as_deref())?;
-    let mut table = fill(map, lines(&text, &map.table)?, !text.ends_with(['\n', '\r']))?;
-    table.notes.extend(note);
-    Ok(table)
+impl<'l> Rows<'l> {
+    pub fn new(layout: &'l Layout) -> Self {
+        Self { layout, separator: None, by: None, before: 0 }
+    }
+
+    /// Cells of the lines of the next piece, which is one of whole lines, with the number of each line.
+    ///
+    /// # Errors
+    /// A separator that is none.
+    pub fn of<'t>(&mut self, text: &'t str) -> Result<impl Iterator<Item = Row<'t>> + use<'t, 'l>, BadInput> {
+        let (layout, before) = (self.layout, self.before);
+        let by = *self.by.get_or_insert(if text.contains('\n') { '\n' } else { '\r' });
+        let data = |l: &str| !l.trim().is_empty() && (layout.comment.is_empty() || !l.starts_with(&layout.comment));
+        let lines = move || {
+            let all = text.split(by).map(|l| l.trim_end_matches('\r')).enumerate();
+            all.map(move |(k, l)| (before + k, l)).filter(move |(k, l)| *k >= layout.skip_lines && data(l))
+        };
+        self.before += memchr::memchr_iter(by as u8, text.as_bytes()).count();
+        if self.separator.is_none() {
+            self.separator = lines().next().map(|(_, first)| Separator::of(layout, first)).transpose()?;
+        }
+        let separator = self.separator.unwrap_or(Separator::Space);
+        Ok(lines().map(move |(line, l)| {
+            let cells = separator.cells(l);
+            let open = || BadInput(format!("line {}: a quote is not closed at the end of its cell", line + 1));
+            Ok((line + 1, cells.ok_or_else(open)?))
+        }))
+    }
+}
+
+/// Cells of the lines of a whole text that hold data, with the number of each line; the header is the first.
+pub(super) fn lines<'t, 'l>(
+    text: &'t str,
+    layout: &'l Layout,
+) -> Result<impl Iterator<Item = Row<'t>> + use<'t, 'l>, BadInput> {
+    let mut rows = Rows::new(layout).of(text)?.peekable();
+    if rows.peek().is_none() {
+        return Err(BadInput::new("there is no header line"));
+    }
+    Ok(rows)
+}
+
+/// Bytes of text that are read at once.
+pub(super) const PIECE: usize = 16 << 20;
+
+/// A table as text, read piece by piece.
+pub(super) struct Text<'m> {
+    lines: Lines<Box<dyn Read>>,
+    rows: Rows<'m>,
+    filling: Filling<'m>,
+    encoding: Option<&'m str>,
+    /// A note where the encoding was guessed.
+    note: Option<String>,
+    piece: Vec<u8>,
+}
+
+impl<'m> Text<'m> {
+    /// Of any text, read in pieces of so many bytes.
+    ///
+    /// # Errors
+    /// A text that cannot be read, an encoding that is none.
+    pub fn new(mut from: impl Read + 'static, map: &'m Map, piece: usize) -> Result<Self, BadInput> {
+        let cannot = |e: std::io::Error| BadInput(format!("it cannot be read: {e}"));
+        let mut begin = Vec::new();
+        from.by_ref().take(piece.max(4096) as u64).read_to_end(&mut begin).map_err(cannot)?;
+        let encoding = map.table.encoding.as_deref();
+        let of = |lines: Box<dyn Read>, encoding, note| Self {
+            lines: Lines::new(lines, 0, piece),
+            rows: Rows::new(&map.table),
+            filling: Filling::new(map),
+            encoding,
+            note,
+            piece: Vec::new(),
+        };
+        // (A line of UTF-16 does not end with a byte of its own: it is unpacked as a whole.)
+        if has_wide_characters(&begin, encoding)? {
+            from.read_to_end(&mut begin).map_err(cannot)?;
+            let (text, note) = decode(&begin, encoding)?;
+            return Ok(of(Box::new(std::io::Cursor::new(text.into_owned().into_bytes())), None, note));
+        }
+        Ok(of(Box::new(std::io::Cursor::new(begin).chain(from)), encoding, None))
+    }
+
+    /// The rows of the next piece; `None` behind the last.
+    ///
+    /// # Errors
+    /// One sentence with line and column.
+    pub fn next_piece(&mut self) -> Result<Option<Table>, BadInput> {
+        if !self.lines.next(&mut self.piece)? {
+            return Ok(None);
+        }
+        let (text, note) = decode(&self.piece, self.encoding)?;
+        self.note = self.note.take().or(note);
+        self.filling.take(self.rows.of(&text)?, !text.ends_with(['\n', '\r']))?;
+        Ok(Some(self.filling.table()))
+    }
+
+    /// Notes of the whole, behind the last piece.
+    ///
+    /// # Errors
+    /// There was no header.
+    pub fn notes(&mut self) -> Result<Vec<String>, BadInput> {
+        let mut notes = self.filling.notes()?;
+        notes.extend(self.note.take());
+        Ok(notes)
+    }
 }
 
 /// The columns that a map wants, of rows of cells with the number of the line of each; the header is the first, if the map says that there is
-/// one. `open`: the last row may be cut off, as its line has no end.
+/// one.
 ///
 /// # Errors
 /// One sentence with line and column.
-pub(super) fn fill<'t>(map: &Map, rows: impl Iterator<Item = Row<'t>>, open: bool) -> Result<Table, BadInput> {
-    let layout = &map.table;
-    let mut rows = rows.peekable();
-    let names: Vec<String> = match rows.peek() {
-        Some(Ok((_, head))) if layout.header => head.iter().map(ToString::to_string).collect(),
-        Some(Ok((_, head))) => (1..=head.len()).map(|k| k.to_string()).collect(),
-        Some(Err(e)) => return Err(e.clone()),
-        None => return Err(BadInput::new("there is no header line")),
-    };
-    if layout.header {
-        rows.next();
+pub(super) fn fill<'t>(map: &Map, rows: impl Iterator<Item = Row<'t>>) -> Result<Table, BadInput> {
+    let mut filling = Filling::new(map);
+    filling.take(rows, false)?;
+    let mut table = filling.table();
+    table.notes = filling.notes()?;
+    Ok(table)
+}
+
+/// A table that rows are put into.
+struct Filling<'m> {
+    map: &'m Map,
+    /// From the header on.
+    head: Option<Head<'m>>,
+    /// Rows that were dropped by the map, cells that are empty, cells that hold a text for a missing value.
+    dropped: usize,
+    empty: usize,
+    missing: usize,
+    /// Rows that are two: how many, and the line of the first.
+    glued: Option<(usize, usize)>,
+    /// Line of a last row that is cut off.
+    cut: Option<usize>,
+    /// Lines of the first decimal comma and point.
+    comma: Option<usize>,
+    point: Option<usize>,
+}
+
+/// What follows from the header.
+struct Head<'m> {
+    /// Number of columns.
+    width: usize,
+    /// Columns of numbers: place and name.
+    numbers: Vec<(usize, String)>,
+    kept: Kept<'m>,
+    clock: Option<Clock>,
+    values: Vec<Vec<f64>>,
+}
+
+impl<'m> Head<'m> {
+    fn new(map: &'m Map, names: &[String]) -> Result<Self, BadInput> {
+        let clock = Clock::of(map, names)?;
+        let mut numbers = choose(map, names)?;
+        numbers.retain(|(at, _)| clock.as_ref().is_none_or(|c| !c.places.contains(at)));
+        let values = vec![Vec::new(); numbers.len()];
+        Ok(Self { width: names.len(), numbers, kept: Kept::new(&map.table, names)?, clock, values })
     }
-    let wanted = choose(map, &names)?;
-    let mut kept = Kept::new(layout, &names)?;
-    let mut clock = Clock::of(map, &names)?;
-    let numbers: Vec<_> =
-        wanted.iter().filter(|(at, _)| clock.as_ref().is_none_or(|c| !c.places.contains(at))).collect();
-    let mut table =
-        Table { columns: numbers.iter().map(|(_, n)| (n.clone(), Vec::new())).collect(), ..Table::default() };
-    let (mut dropped, mut empty, mut missing) = (0, 0usize, 0usize);
-    let (mut glued, mut cut) = (None::<(usize, usize)>, None);
-    let (mut comma, mut point) = (None, None);
-    while let Some(row) = rows.next() {
-        let (line, cells) = row?;
-        let cell = |at: usize| cells.get(at).map_or("", |c| c.as_ref());
-        if !kept.has(cell) {
-            continue;
+}
+
+impl<'m> Filling<'m> {
+    fn new(map: &'m Map) -> Self {
+        let (dropped, empty, missing) = (0, 0, 0);
+        Self { map, head: None, dropped, empty, missing, glued: None, cut: None, comma: None, point: None }
+    }
+
+    /// Takes rows. `open`: the last of them may be cut off, as its line has no end.
+    fn take<'t>(&mut self, rows: impl Iterator<Item = Row<'t>>, open: bool) -> Result<(), BadInput> {
+        let layout = &self.map.table;
+        let mut rows = rows.peekable();
+        if self.head.is_none() {
+            let names: Vec<String> = match rows.peek() {
+                Some(Ok((_, head))) if layout.header => head.iter().map(ToString::to_string).collect(),
+                Some(Ok((_, head))) => (1..=head.len()).map(|k| k.to_string()).collect(),
+                Some(Err(e)) => return Err(e.clone()),
+                None => return Ok(()),
+            };
+            if layout.header {
+                rows.next();
+            }
+            self.head = Some(Head::new(self.map, &names)?);
         }
-        if dropped < layout.drop_rows {
-            dropped += 1;
-            continue;
-        }
-        // (A trailing separator makes empty cells.)
-        if cells.iter().skip(names.len()).any(|c| !c.is_empty()) {
-            glued = Some(glued.map_or((1, line), |(n, first)| (n + 1, first)));
-            continue;
-        }
-        if open && cells.len() < names.len() && rows.peek().is_none() {
-            cut = Some(line);
-            break;
-        }
-        if let Some(clock) = &mut clock {
-            clock.take(line, cell)?;
-        }
-        for ((at, name), (_, values)) in numbers.iter().zip(&mut table.columns) {
-            let text = cell(*at);
-            let none = is_missing(text) || layout.missing.iter().any(|m| m == text);
-            let value = if none { Some(f64::NAN) } else { number(text) };
-            empty += usize::from(text.is_empty());
-            missing += usize::from(none && !text.is_empty());
-            values.push(value.ok_or_else(|| no_number(line, name, text))?);
-            // (Decimal commas beside decimal points: one of them parts thousands.)
-            comma = comma.or(text.contains(',').then_some(line));
-            point = point.or((!none && text.contains('.')).then_some(line));
-            if let (Some(comma), Some(point)) = (comma, point) {
-                return Err(DialectError::Mixed { comma, point }.into());
+        let Some(head) = &mut self.head else { return Ok(()) };
+        while let Some(row) = rows.next() {
+            let (line, cells) = row?;
+            let cell = |at: usize| cells.get(at).map_or("", |c| c.as_ref());
+            if !head.kept.has(cell) {
+                continue;
+            }
+            if self.dropped < layout.drop_rows {
+                self.dropped += 1;
+                continue;
+            }
+            // (A trailing separator makes empty cells.)
+            if cells.iter().skip(head.width).any(|c| !c.is_empty()) {
+                self.glued = Some(self.glued.map_or((1, line), |(n, first)| (n + 1, first)));
+                continue;
+            }
+            if open && cells.len() < head.width && rows.peek().is_none() {
+                self.cut = Some(line);
+                break;
+            }
+            if let Some(clock) = &mut head.clock {
+                clock.take(line, cell)?;
+            }
+            for ((at, name), values) in head.numbers.iter().zip(&mut head.values) {
+                let text = cell(*at);
+                let none = is_missing(text) || layout.missing.iter().any(|m| m == text);
+                let value = if none { Some(f64::NAN) } else { number(text) };
+                self.empty += usize::from(text.is_empty());
+                self.missing += usize::from(none && !text.is_empty());
+                values.push(value.ok_or_else(|| no_number(line, name, text))?);
+                // (Decimal commas beside decimal points: one of them parts thousands.)
+                self.comma = self.comma.or(text.contains(',').then_some(line));
+                self.point = self.point.or((!none && text.contains('.')).then_some(line));
+                if let (Some(comma), Some(point)) = (self.comma, self.point) {
+                    return Err(DialectError::Mixed { comma, point }.into());
+                }
             }
         }
+        Ok(())
     }
-    if empty > 0 {
-        table.notes.push(format!("{empty} cells are empty"));
+
+    /// The rows so far.
+    fn table(&mut self) -> Table {
+        let Some(head) = &mut self.head else { return Table::default() };
+        let names = head.numbers.iter().map(|(_, n)| n.clone());
+        let columns = names.zip(head.values.iter_mut().map(std::mem::take)).collect();
+        let time_s = head.clock.as_mut().map(|c| std::mem::take(&mut c.time_s));
+        Table { columns, time_s, notes: Vec::new() }
     }
-    if missing > 0 {
-        table.notes.push(format!("{missing} cells hold a text for a missing value"));
+
+    fn notes(&self) -> Result<Vec<String>, BadInput> {
+        let Some(head) = &self.head else { return Err(BadInput::new("there is no header line")) };
+        let mut notes = Vec::new();
+        if self.empty > 0 {
+            notes.push(format!("{} cells are empty", self.empty));
+        }
+        if self.missing > 0 {
+            notes.push(format!("{} cells hold a text for a missing value", self.missing));
+        }
+        notes.extend(left_out(self.glued, self.cut));
+        notes.extend(super::others(&head.kept.imus, self.map.table.instance));
+        Ok(notes)
     }
-    table.notes.extend(left_out(glued, cut));
-    table.notes.extend(super::others(&kept.imus, layout.instance));
-    table.time_s = clock.map(|c| c.time_s);
-    Ok(table)
 }
 
 /// The rows that a map keeps.

@@ -61,5 +61,5 @@ pub fn read(bytes: Vec<u8>, map: &Map) -> Result<Table, BadInput> {
     let rows = rows(bytes, map.table.sheet.as_deref())?;
     let filled = |row: &Vec<String>| row.iter().any(|c| !c.is_empty());
     let data = rows.iter().enumerate().skip(map.table.skip_lines).filter(|(_, r)| filled(r));
-    fill(map, data.map(|(k, row)| Ok((k + 1, row.iter().map(|c| Cow::Borrowed(c.as_str())).collect()))), false)
+    fill(map, data.map(|(k, row)| Ok((k + 1, row.iter().map(|c| Cow::Borrowed(c.as_str())).collect()))))
 }

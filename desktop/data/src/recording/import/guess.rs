@@ -1,7 +1,7 @@
 //! A map guessed from a table: which line is the header, which column is what, in which unit. A guess is shown before it is used, and what it
 //! rests on stands beside each column.
 
-use super::decode::decode;
+use super::decode::{decode, has_wide_characters};
 use super::delimited::lines;
 use super::excel;
 use super::map::Layout;
@@ -19,6 +19,8 @@ use std::path::Path;
 
 /// Rows of data that a guess looks at.
 const ROWS: usize = 2000;
+/// Bytes of a file from which a map is guessed where it is too large to be read as a whole.
+const BEGINNING: u64 = 4 << 20;
 /// Ground of a guess where a column names no unit.
 const UNNAMED: &str = "no unit is named";
 /// Ground for leaving a thermometer out.
@@ -105,6 +107,23 @@ pub fn text_of(path: &Path) -> Result<(String, Option<String>), BadInput> {
     let bytes = read()?;
     let (text, note) = decode(&bytes, None)?;
     Ok((text.into_owned(), note))
+}
+
+/// The beginning of a file of text: enough of it to guess a map.
+///
+/// # Errors
+/// A file that cannot be read, or is no text.
+pub fn beginning_of(path: &Path) -> Result<String, BadInput> {
+    use std::io::Read;
+    let cannot = |e: std::io::Error| BadInput(format!("cannot read {}: {e}", path.display()));
+    let mut bytes = Vec::new();
+    let text = crate::files::text(path, crate::files::MOST_RECORDING)?;
+    text.take(BEGINNING).read_to_end(&mut bytes).map_err(cannot)?;
+    // (The last line is cut off.)
+    if !has_wide_characters(&bytes, None)? {
+        bytes.truncate(memchr::memrchr(b'\n', &bytes).map_or(bytes.len(), |at| at + 1));
+    }
+    Ok(decode(&bytes, None)?.0.into_owned())
 }
 
 /// The beginning of a table as cells, from a line on.

@@ -129,42 +129,126 @@ pub fn built_in(path: &Path) -> Option<&'static str> {
     }
 }
 
+/// `true` for a log of a known program and for a spreadsheet: what is read as a whole.
+#[must_use]
+pub fn is_whole(path: &Path) -> bool {
+    built_in(path).is_some() || excel::is_named_so(path)
+}
+
 /// Reads a file by a map.
 ///
 /// # Errors
 /// One sentence: what does not fit, where.
 pub fn read(path: &Path, map: &Map) -> anyhow::Result<Recording> {
-    let here = |e: BadInput| BadInput(format!("{}: {e}", path.display()));
-    let table = match map.format {
-        Format::Delimited if parquet::begins_as_parquet(path) => {
-            columnar::read(crate::files::read_file(path, crate::files::MOST_RECORDING, false)?, map).map_err(here)?
+    let mut parts = Parts::open(path, map)?;
+    let mut whole: Option<Recording> = None;
+    while let Some(part) = parts.next_part()? {
+        match &mut whole {
+            None => whole = Some(part),
+            Some(whole) => whole.append(part),
         }
-        Format::Delimited if dataflash::begins(path) => {
-            dataflash::read(&crate::files::read_file(path, crate::files::MOST_RECORDING, false)?, map).map_err(here)?
-        }
-        Format::Delimited if excel::is_named_so(path) => {
-            excel::read(crate::files::read_file(path, crate::files::MOST_RECORDING, false)?, map).map_err(here)?
-        }
-        Format::Delimited => {
-            // (Zero bytes are found where the encoding is known.)
-            let bytes = crate::files::read_file(path, crate::files::MOST_RECORDING, false)?;
-            delimited::read(&bytes, map).map_err(here)?
-        }
-        Format::Ulog => ulog::read(path, map).map_err(here)?,
-        Format::Blackbox => {
-            blackbox::read(&crate::files::read_file(path, crate::files::MOST_RECORDING, false)?, map).map_err(here)?
-        }
-        Format::Mcap => {
-            mcap::read(&crate::files::read_file(path, crate::files::MOST_RECORDING, false)?, map).map_err(here)?
-        }
-    };
-    let map = &map.without_missing(|names| table.column(names).is_some());
-    if table.rows() < 2 {
-        return Err(
-            here(BadInput(format!("the map leaves {} rows of data; check drop_rows and keep", table.rows()))).into()
-        );
     }
-    Ok(recording(&table, map).map_err(here)?)
+    let notes = parts.notes()?;
+    let whole = whole.ok_or_else(|| BadInput(format!("{}: there is no row of data", path.display())))?;
+    Ok(Recording { notes, ..whole })
+}
+
+/// A recording that is made of a file by a map, part by part: a table of text is never in memory as a whole.
+pub struct Parts<'m> {
+    file: String,
+    from: Source<'m>,
+    map: &'m Map,
+    /// Rows so far.
+    rows: usize,
+    /// First time on the file's clock, s.
+    first_s: Option<f64>,
+    /// Values outside their valid range, by the names of their columns.
+    outside: Vec<(String, [f64; 2], usize)>,
+    notes: Vec<String>,
+}
+
+/// Source of the rows.
+enum Source<'m> {
+    Text(Box<delimited::Text<'m>>),
+    Columns(Box<columnar::Batches<'m>>),
+    Whole(Option<Table>),
+}
+
+impl<'m> Parts<'m> {
+    /// Opens a file.
+    ///
+    /// # Errors
+    /// One sentence: a file that cannot be read, or a map that does not fit.
+    pub fn open(path: &Path, map: &'m Map) -> anyhow::Result<Self> {
+        let here = |e: BadInput| BadInput(format!("{}: {e}", path.display()));
+        let all = || crate::files::read_file(path, crate::files::MOST_RECORDING, false);
+        let whole = |table: Result<Table, BadInput>| table.map(|t| Source::Whole(Some(t)));
+        let from = match map.format {
+            Format::Delimited if parquet::begins_as_parquet(path) => {
+                columnar::Batches::open(path, map).map(|b| Source::Columns(Box::new(b)))
+            }
+            Format::Delimited if dataflash::begins(path) => whole(dataflash::read(&all()?, map)),
+            Format::Delimited if excel::is_named_so(path) => whole(excel::read(all()?, map)),
+            // (Zero bytes are found where the encoding is known.)
+            Format::Delimited => {
+                let text = crate::files::text(path, crate::files::MOST_RECORDING)?;
+                delimited::Text::new(text, map, delimited::PIECE).map(|t| Source::Text(Box::new(t)))
+            }
+            Format::Ulog => whole(ulog::read(path, map)),
+            Format::Blackbox => whole(blackbox::read(&all()?, map)),
+            Format::Mcap => whole(mcap::read(&all()?, map)),
+        };
+        Ok(Self::of(from.map_err(here)?, map, path.display().to_string()))
+    }
+
+    fn of(from: Source<'m>, map: &'m Map, file: String) -> Self {
+        Self { file, from, map, rows: 0, first_s: None, outside: Vec::new(), notes: Vec::new() }
+    }
+
+    /// The next rows; their times go on from those before. `None` behind the last.
+    ///
+    /// # Errors
+    /// One sentence: what does not fit, where.
+    pub fn next_part(&mut self) -> Result<Option<Recording>, BadInput> {
+        loop {
+            let table = match &mut self.from {
+                Source::Text(text) => text.next_piece(),
+                Source::Columns(batches) => batches.next_batch(),
+                Source::Whole(table) => Ok(table.take()),
+            };
+            let Some(mut table) = table.map_err(|e| self.here(&e))? else { return Ok(None) };
+            self.notes.append(&mut table.notes);
+            if table.rows() > 0 {
+                return self.recording(&table).map(Some).map_err(|e| self.here(&e));
+            }
+        }
+    }
+
+    /// Notes of the import, behind the last part.
+    ///
+    /// # Errors
+    /// There are less than two rows.
+    pub fn notes(&mut self) -> Result<Vec<String>, BadInput> {
+        let notes = match &mut self.from {
+            Source::Text(text) => text.notes(),
+            Source::Columns(batches) => batches.notes(),
+            Source::Whole(_) => Ok(Vec::new()),
+        };
+        self.notes.extend(notes.map_err(|e| self.here(&e))?);
+        if self.rows < 2 {
+            let rows = self.rows;
+            return Err(self.here(&BadInput(format!("the map leaves {rows} rows of data; check drop_rows and keep"))));
+        }
+        let outside = self.outside.iter().filter(|(.., count)| *count > 0).map(|(name, [low, high], count)| {
+            format!("column {name}: {count} values outside {low} to {high} are missing")
+        });
+        self.notes.extend(outside);
+        Ok(std::mem::take(&mut self.notes))
+    }
+
+    fn here(&self, e: &BadInput) -> BadInput {
+        BadInput(format!("{}: {e}", self.file))
+    }
 }
 
 /// The values of a column in the unit of the recording.
@@ -176,44 +260,61 @@ fn converted(table: &Table, column: &Column, quantity: &str) -> Result<Vec<f64>,
     Ok(values.iter().map(value).collect())
 }
 
-/// A note where values of a column are outside its valid range.
-fn outside(table: &Table, column: &Column) -> Option<String> {
+/// Number of values of a column outside its valid range; `None` where it has no range.
+fn outside(table: &Table, column: &Column) -> Option<(String, [f64; 2], usize)> {
     let [low, high] = column.valid?;
     let count = table.column(&column.column)?.iter().filter(|v| v.is_finite() && !(low..=high).contains(*v)).count();
-    (count > 0)
-        .then(|| format!("column {}: {count} values outside {low} to {high} are missing", column.column.all()[0]))
+    Some((column.column.all()[0].to_string(), [low, high], count))
 }
 
-/// Times in s from the first row (or from power-on), and the seconds since 1970 at time 0 where the file tells.
-fn times(table: &Table, map: &Map) -> Result<(Vec<f64>, Option<f64>), BadInput> {
-    let Some(names) = &map.time.column else {
-        let step = map.time.step_s.unwrap_or(1.0);
-        return Ok(((0..table.rows()).map(|k| k as f64 * step).collect(), None));
-    };
-    let form = map.time.form()?;
-    let clock: Vec<f64> = match &table.time_s {
-        Some(times) => times.clone(),
-        None => {
-            let raw = table.column(names).ok_or_else(|| BadInput::new("the times got lost"))?;
-            raw.iter().map(|t| form.of_number(*t)).collect()
+impl Parts<'_> {
+    /// Times in s from the first row (or from power-on), and the seconds since 1970 at time 0 where the file tells.
+    fn times(&mut self, table: &Table, map: &Map) -> Result<(Vec<f64>, Option<f64>), BadInput> {
+        let Some(names) = &map.time.column else {
+            let step = map.time.step_s.unwrap_or(1.0);
+            return Ok(((self.rows..self.rows + table.rows()).map(|k| k as f64 * step).collect(), None));
+        };
+        let form = map.time.form()?;
+        let clock: Vec<f64> = match &table.time_s {
+            Some(times) => times.clone(),
+            None => {
+                let raw = table.column(names).ok_or_else(|| BadInput::new("the times got lost"))?;
+                raw.iter().map(|t| form.of_number(*t)).collect()
+            }
+        };
+        self.first_s = self.first_s.or_else(|| clock.iter().copied().find(|t| t.is_finite()));
+        let first = self.first_s.unwrap_or(0.0);
+        if map.time.since_power_on {
+            return Ok((clock.iter().map(|t| t + map.time.offset_s).collect(), None));
         }
-    };
-    let first = clock.iter().copied().find(|t| t.is_finite()).unwrap_or(0.0);
-    if map.time.since_power_on {
-        return Ok((clock.iter().map(|t| t + map.time.offset_s).collect(), None));
+        let since_1970 = form.counts_from_1970(first).then_some(first + map.time.offset_s);
+        // (Seconds since 1970 are known to a quarter of a microsecond as a number.)
+        let digits = if since_1970.is_some() { 1e6 } else { 1e9 };
+        Ok((clock.iter().map(|t| (digits * (t - first)).round() / digits).collect(), since_1970))
     }
-    let since_1970 = form.counts_from_1970(first).then_some(first + map.time.offset_s);
-    // (Seconds since 1970 are known to a quarter of a microsecond as a number.)
-    let digits = if since_1970.is_some() { 1e6 } else { 1e9 };
-    Ok((clock.iter().map(|t| (digits * (t - first)).round() / digits).collect(), since_1970))
+
+    fn recording(&mut self, table: &Table) -> Result<Recording, BadInput> {
+        let map = &self.map.without_missing(|names| table.column(names).is_some());
+        let (time_s, since_1970) = self.times(table, map)?;
+        self.rows += table.rows();
+        let columns = map
+            .rate
+            .values()
+            .chain(map.temperature.values())
+            .chain(map.frequency.values())
+            .chain(map.optional.values());
+        for found in columns.filter_map(|c| outside(table, c)) {
+            match self.outside.iter_mut().find(|o| o.0 == found.0 && o.1 == found.1) {
+                Some(before) => before.2 += found.2,
+                None => self.outside.push(found),
+            }
+        }
+        recording(time_s, since_1970, table, map)
+    }
 }
 
-fn recording(table: &Table, map: &Map) -> Result<Recording, BadInput> {
-    let (time_s, since_1970) = times(table, map)?;
-    let mut r = Recording { time_s, notes: table.notes.clone(), ..Recording::default() };
-    let columns =
-        map.rate.values().chain(map.temperature.values()).chain(map.frequency.values()).chain(map.optional.values());
-    r.notes.extend(columns.filter_map(|c| outside(table, c)));
+fn recording(time_s: Vec<f64>, since_1970: Option<f64>, table: &Table, map: &Map) -> Result<Recording, BadInput> {
+    let mut r = Recording { time_s, ..Recording::default() };
     r.set_meta("hrg-recording", "2");
     r.set_meta("rate_unit", "deg/h");
     let shared = map.temperature.get("all");
@@ -275,8 +376,26 @@ mod tests {
     use super::*;
 
     fn import(map: &str, text: &str) -> Result<Recording, BadInput> {
-        let map = Map::parse(map)?;
-        recording(&delimited::read(text.as_bytes(), &map)?, &map)
+        let whole = in_parts(map, text, delimited::PIECE)?;
+        for piece in [1, 100, 1000] {
+            assert_eq!(
+                in_parts(map, text, piece).map(|r| r.to_csv()).ok(),
+                Some(whole.to_csv()),
+                "in pieces of {piece}"
+            );
+        }
+        Ok(whole)
+    }
+
+    fn in_parts(map: &str, text: &str, piece: usize) -> Result<Recording, BadInput> {
+        let map = &Map::parse(map)?;
+        let text = delimited::Text::new(std::io::Cursor::new(text.to_string().into_bytes()), map, piece)?;
+        let mut parts = Parts::of(Source::Text(Box::new(text)), map, "test".into());
+        let mut whole = parts.next_part()?.unwrap_or_default();
+        while let Some(part) = parts.next_part()? {
+            whole.append(part);
+        }
+        Ok(Recording { notes: parts.notes()?, ..whole })
     }
 
     const MAP: &str = "hrg-map = 1

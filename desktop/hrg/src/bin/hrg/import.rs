@@ -6,8 +6,9 @@ use anyhow::Result;
 use hrg_data::error::BadInput;
 use hrg_data::recording::facts::Facts;
 use hrg_data::recording::import;
-use hrg_data::recording::import::guess::{guess, text_of, Guess};
+use hrg_data::recording::import::guess::{beginning_of, guess, text_of, Guess};
 use hrg_data::recording::import::map::Map;
+use hrg_data::recording::reduced::{self, rows_of, Reduced};
 use hrg_data::recording::resonators::named;
 use hrg_data::recording::thermometer::Thermometer;
 use hrg_data::recording::{columns, dialect, parquet, Recording};
@@ -50,9 +51,7 @@ impl Made {
 
     fn of(file: &Path, name: Option<&str>, imu: Option<u8>) -> Result<Self> {
         if let Some(name) = name.or_else(|| import::built_in(file)) {
-            let mut map = Map::named(name)?;
-            map.table.instance = imu.unwrap_or(map.table.instance);
-            return Self::by(file, &map);
+            return Self::by(file, &named_map(name, imu)?);
         }
         let here = |e: BadInput| BadInput(format!("{}: {e}", file.display()));
         let table = text_of(file).ok().map(|(text, _)| text).filter(|text| !is_recording(text));
@@ -75,23 +74,117 @@ impl Made {
             };
             return Ok(Self { text: plain, notes: Vec::new(), guessed: None });
         };
-        let guess = guess(&table).map_err(here)?;
-        if let Some(lacks) = guess.lacks() {
-            print!("{}", guess.map());
-            let next = "save what is printed above as map.toml, complete it, and give it by --map map.toml";
-            return Err(here(BadInput(format!("{lacks}; {next}"))).into());
-        }
-        let mut map = Map::parse(&guess.map()).map_err(here)?;
-        if let Some(imu) = imu {
-            if map.table.instance_column.is_none() {
-                return Err(here(BadInput::new(
-                    "--imu is for files with several IMUs, and this table has no column with their numbers; name it as instance_column in a --map",
-                ))
-                .into());
-            }
-            map.table.instance = imu;
-        }
+        let (guess, map) = guessed(file, &table, imu)?;
         Ok(Self { guessed: Some(guess), ..Self::by(file, &map)? })
+    }
+}
+
+/// A map by its name, with the number of an IMU.
+fn named_map(name: &str, imu: Option<u8>) -> Result<Map> {
+    let mut map = Map::named(name)?;
+    map.table.instance = imu.unwrap_or(map.table.instance);
+    Ok(map)
+}
+
+/// The map that is guessed from the beginning of a table.
+fn guessed(file: &Path, table: &str, imu: Option<u8>) -> Result<(Guess, Map)> {
+    let here = |e: BadInput| BadInput(format!("{}: {e}", file.display()));
+    let guess = guess(table).map_err(here)?;
+    if let Some(lacks) = guess.lacks() {
+        print!("{}", guess.map());
+        let next = "save what is printed above as map.toml, complete it, and give it by --map map.toml";
+        return Err(here(BadInput(format!("{lacks}; {next}"))).into());
+    }
+    let mut map = Map::parse(&guess.map()).map_err(here)?;
+    if let Some(imu) = imu {
+        if map.table.instance_column.is_none() {
+            return Err(here(BadInput::new(
+                "--imu is for files with several IMUs, and this table has no column with their numbers; name it as instance_column in a --map",
+            ))
+            .into());
+        }
+        map.table.instance = imu;
+    }
+    Ok((guess, map))
+}
+
+/// A file of text that is too large to be in memory: it is imported part by part.
+struct Large {
+    file: PathBuf,
+    /// `None`: it is a recording.
+    map: Option<Map>,
+    guessed: Option<Guess>,
+}
+
+impl Large {
+    /// `None` for a recording in another dialect than ours: that is read as a whole.
+    fn open(file: &Path, name: Option<&str>, imu: Option<u8>) -> Result<Option<Self>> {
+        let of = |map, guessed| Ok(Some(Self { file: file.to_path_buf(), map, guessed }));
+        if let Some(name) = name {
+            return of(Some(named_map(name, imu)?), None);
+        }
+        if parquet::begins_as_parquet(file) {
+            return of(None, None);
+        }
+        let begin = beginning_of(file)?;
+        if !is_recording(&begin) {
+            let (guess, map) = guessed(file, &begin, imu)?;
+            return of(Some(map), Some(guess));
+        }
+        if dialect::is_plain(&begin) {
+            of(None, None)
+        } else {
+            Ok(None)
+        }
+    }
+
+    fn run(&self, arguments: &Arguments) -> Result<()> {
+        let facts = arguments.identity.facts()?;
+        let (clean, rows) = match &arguments.out {
+            Some(out) => parquet::write_parts(out, |to| self.through(&facts, to))?,
+            None => self.through(&facts, &mut |_| Ok(()))?,
+        };
+        told(arguments, self.guessed.as_ref(), &clean, rows);
+        Ok(())
+    }
+
+    /// Gives the text of the recording part by part; what it is reduced to, looked at as any recording is; the number of its rows, and the
+    /// time between two of them, s.
+    fn through(&self, facts: &Facts, to: &mut dyn FnMut(&str) -> Result<()>) -> Result<(Recording, (usize, f64))> {
+        let here = |e: BadInput| BadInput(format!("{}: {e}", self.file.display()));
+        let mut reduced = Reduced::default();
+        let mut first = true;
+        let mut give = |text: &str, part: Recording| -> Result<()> {
+            if !std::mem::take(&mut first) {
+                to(text)?;
+                reduced.add(part);
+                return Ok(());
+            }
+            let text = stated(text, facts).map_err(here)?;
+            to(&text)?;
+            reduced.add(Recording::parse(text.as_bytes()).map_err(here)?);
+            Ok(())
+        };
+        let mut notes = Vec::new();
+        if let Some(map) = &self.map {
+            let mut parts = import::Parts::open(&self.file, map)?;
+            let mut head = true;
+            while let Some(part) = parts.next_part()? {
+                let text = part.to_csv();
+                give(if std::mem::take(&mut head) { &text } else { rows_of(&text) }, part)?;
+            }
+            notes = parts.notes()?;
+        } else {
+            let mut parts = reduced::Parts::open(&self.file)?;
+            while let Some((text, part)) = parts.next_part().map_err(here)? {
+                give(&String::from_utf8_lossy(&text), part)?;
+            }
+        }
+        let rows = reduced.rows();
+        let mut clean = reduced.recording().map_err(here)?;
+        clean.clean().map_err(here)?;
+        notes.append(&mut clean.notes);
+        Ok((Recording { notes, ..clean }, rows))
     }
 }
 
@@ -119,6 +212,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         ))
         .into());
     }
+    if log.with.is_none() && Recording::is_large(file) && !import::is_whole(file) {
+        if let Some(done) = Large::open(file, name.as_deref(), *imu)?.map(|large| large.run(arguments)) {
+            return done;
+        }
+    }
     let mut made = Made::of(file, name.as_deref(), *imu)?;
     made.text = stated(&made.text, &identity.facts()?).map_err(here)?;
     if let Some(with) = &log.with {
@@ -130,27 +228,31 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for note in &made.notes {
         eprintln!("{}: {note}", file.display());
     }
-    // (Lines and columns of the recording are those of the file that is written.)
-    let written = out.as_ref().unwrap_or(file).display();
-    for note in &clean.notes {
-        eprintln!("{written}: {note}");
-    }
-    if let Some(guess) = &made.guessed {
-        print!("{}", guess.map());
-        eprintln!("the columns are guessed as the map above says: if one is wrong, save it as map.toml, correct it, and give it by --map map.toml");
-    }
-    let shown = out.as_ref().map_or_else(|| file.display().to_string(), |o| o.display().to_string());
     if let Some(out) = out {
         parquet::write_text(out, &made.text)?;
     }
-    let summary = summary(&shown, &clean);
+    told(arguments, made.guessed.as_ref(), &clean, (clean.time_s.len(), clean.step_s()));
+    Ok(())
+}
+
+/// Tells what was made.
+fn told(Arguments { file, out, .. }: &Arguments, guessed: Option<&Guess>, clean: &Recording, rows: (usize, f64)) {
+    // (Lines and columns of the recording are those of the file that is written.)
+    let written = out.as_ref().unwrap_or(file).display().to_string();
+    for note in &clean.notes {
+        eprintln!("{written}: {note}");
+    }
+    if let Some(guess) = guessed {
+        print!("{}", guess.map());
+        eprintln!("the columns are guessed as the map above says: if one is wrong, save it as map.toml, correct it, and give it by --map map.toml");
+    }
+    let summary = summary(&written, clean, rows);
     // (What is printed beside a guess is a map, and nothing else.)
-    if made.guessed.is_some() {
+    if guessed.is_some() {
         eprintln!("{summary}");
     } else {
         println!("{summary}");
     }
-    Ok(())
 }
 
 /// The text of a recording with facts about the unit in its metadata.
@@ -164,7 +266,7 @@ fn stated(text: &str, facts: &Facts) -> Result<String, BadInput> {
     Ok(format!("{}{added}{}", &text[..at], &text[at..]))
 }
 
-fn summary(shown: &str, clean: &Recording) -> String {
+fn summary(shown: &str, clean: &Recording, (rows, step_s): (usize, f64)) -> String {
     let range = |a: usize| {
         let v = clean.frequency_hz[a].iter().filter(|v| v.is_finite());
         v.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)))
@@ -175,10 +277,37 @@ fn summary(shown: &str, clean: &Recording) -> String {
         Thermometer::None => "no thermometer".to_string(),
         t => format!("{} from {low:.2} to {high:.2} {}", t.column(first), if t.is_sensor() { "C" } else { "Hz" }),
     };
-    format!(
-        "{shown}: {} rows, {:.3} s apart, axes {}; {readings}",
-        clean.time_s.len(),
-        clean.step_s(),
-        named(clean.absent.map(|a| !a))
-    )
+    format!("{shown}: {rows} rows, {step_s:.3} s apart, axes {}; {readings}", named(clean.absent.map(|a| !a)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_imported_part_by_part_is_what_is_imported_as_a_whole() {
+        let folder = std::env::temp_dir().join(format!("hrg-large-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("a folder");
+        let mut table = String::from("time [ms];gyro_x [deg/s];gyro_y [deg/s];gyro_z [deg/s];temperature [C]\n");
+        for k in 0..3000 {
+            table += &format!("{k};0,{};-0,{};0,5;{},25\n", k % 97 + 1, k % 31 + 1, 20 + k % 9);
+        }
+        let recording = "# unit: G-1\ntime_s,temp_c,rate_x_dph\n0,20,1\n1,20,2\n2,21,3\n".to_string();
+        for (name, text) in [("table.csv", table), ("run.csv", recording)] {
+            let file = folder.join(name);
+            std::fs::write(&file, text).expect("written");
+            let large = Large::open(&file, None, None).expect("fits").expect("by parts");
+            let mut parts = String::new();
+            let mut to = |text: &str| {
+                parts += text;
+                Ok(())
+            };
+            let (clean, rows) = large.through(&Facts::default(), &mut to).expect("fits");
+            let whole = Made::of(&file, None, None).expect("fits");
+            assert_eq!(parts, whole.text);
+            assert!(rows.0 == Recording::parse(parts.as_bytes()).expect("ours").time_s.len() && clean.time_s.len() > 2);
+            assert_eq!(large.guessed.map(|g| g.map()), whole.guessed.map(|g| g.map()));
+        }
+        let _ = std::fs::remove_dir_all(&folder);
+    }
 }
