@@ -43,7 +43,7 @@ fn step_of_values(values: &[f64]) -> Option<f64> {
     (step.is_finite() && step > LEAST_STEP_DPH && fits as f64 > 0.99 * some.len() as f64).then_some(step)
 }
 
-/// What is taken out of the rows of a recording: known from its first rows.
+/// The changes to the rows of a recording that its first rows decide.
 #[derive(Debug, Clone, Copy)]
 pub struct OfRows {
     /// Steps of the rates, deg/h, where they have any.

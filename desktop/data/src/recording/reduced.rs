@@ -202,7 +202,7 @@ impl<R: Read> Parts<R> {
     }
 }
 
-/// What parts of a recording are reduced to.
+/// Parts of a recording, reduced and joined.
 #[derive(Debug, Default)]
 pub struct Reduced {
     whole: Option<Recording>,

@@ -211,7 +211,7 @@ struct Filling<'m> {
     point: Option<usize>,
 }
 
-/// What follows from the header.
+/// Facts from the header.
 struct Head<'m> {
     /// Number of columns.
     width: usize,
