@@ -59,6 +59,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(longest) = longest {
         print_parts(&family, &longest)?;
     }
+    if family.sources.iter().all(|s| s.runs.len() < 2) {
+        println!("note: no unit has two runs: days are not told from units, and what a day adds lies in the spread between units");
+    }
     for u in &unlike {
         println!("note: the unit {} is in the family: {}", u.unit, u.sentence());
     }
