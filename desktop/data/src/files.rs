@@ -12,9 +12,12 @@ pub const MOST_ELF: u64 = 1 << 30;
 /// First bytes of a gzip file.
 pub(crate) const GZIP: [u8; 2] = [0x1f, 0x8b];
 
-/// `true` if a file begins with these bytes; `false` for one that cannot be read.
+/// `true` if a regular file begins with these bytes; `false` for one that cannot be read, and for a pipe: what is read of it is gone.
 pub(crate) fn begins_with<const N: usize>(path: &std::path::Path, head: [u8; N]) -> bool {
     use std::io::Read;
+    if !std::fs::metadata(path).is_ok_and(|m| m.is_file()) {
+        return false;
+    }
     let mut first = [0; N];
     let read = std::fs::File::open(path).and_then(|mut f| f.read_exact(&mut first));
     read.is_ok() && first == head

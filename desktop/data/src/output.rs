@@ -25,9 +25,15 @@ enum Target {
     File(PathBuf),
 }
 
+/// `true` for the names of standard output.
+#[must_use]
+pub fn is_standard(path: &Path) -> bool {
+    STDOUT.iter().any(|name| path == Path::new(name))
+}
+
 impl Target {
     fn of(path: &Path) -> io::Result<Self> {
-        if STDOUT.iter().any(|name| path == Path::new(name)) {
+        if is_standard(path) {
             return Ok(Self::Stdout);
         }
         match fs::metadata(path) {

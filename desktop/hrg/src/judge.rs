@@ -360,6 +360,21 @@ pub fn corrects(now: &Recording, calibration: &Calibration, limit: &Limit) -> Re
     Ok(())
 }
 
+/// A recording as it is judged: with its spikes, and without what lies behind a gap for as long as the image remembers.
+fn steps_of(r: &Recording, calibration: &Calibration, limit: &Limit) -> Result<Steps, BadInput> {
+    let mut steps = Steps::new(&r.with_spikes())?;
+    hrg_identify::trace::leave_out_behind_gaps(calibration, &mut steps);
+    if steps.len() < limit.means_s {
+        return Err(BadInput::new(format!(
+            "{}: {} s are too short for a mean of {} s",
+            r.source,
+            steps.len(),
+            limit.means_s
+        )));
+    }
+    Ok(steps)
+}
+
 /// Judges runs of a unit under a calibration.
 ///
 /// # Errors
@@ -376,15 +391,7 @@ pub fn judge(runs: &[Recording], calibration: &Calibration, limit: &Limit) -> Re
         if r.corrected() {
             return Err(BadInput::new(format!("{}: holds corrected rates; give the raw ones", r.source)));
         }
-        let steps = Steps::new(&r.with_spikes())?;
-        if steps.len() < limit.means_s {
-            return Err(BadInput::new(format!(
-                "{}: {} s are too short for a mean of {} s",
-                r.source,
-                steps.len(),
-                limit.means_s
-            )));
-        }
+        let steps = steps_of(r, calibration, limit)?;
         let seconds = correct::correct(calibration, &steps);
         for a in steps.present() {
             let of =

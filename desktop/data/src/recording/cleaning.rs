@@ -196,13 +196,18 @@ impl Recording {
         let longest = self.time_s.windows(2).map(|w| w[1] - w[0]).fold(0.0, f64::max);
         if gaps > 0 {
             let more = if longest > BRIDGE_S { format!("; {behind}") } else { String::new() };
-            self.notes.push(format!("{gaps} gaps in time, the longest {longest:.1} s{more}"));
+            let digits = if longest < 1.0 { 3 } else { 1 };
+            self.notes.push(format!("{gaps} gaps in time, the longest {longest:.digits$} s{more}"));
         }
         for Found { column, place, .. } in found.iter().filter(|f| f.place < AXES) {
-            let there =
-                self.time_s.iter().zip(&self.frequency_hz[*place]).filter(|(_, f)| f.is_finite()).map(|(t, _)| *t);
-            let without = there.clone().zip(there.skip(1)).map(|(before, after)| after - before).fold(0.0, f64::max);
-            if without > BRIDGE_S.max(longest) {
+            // (Rows that are there and hold no value: a gap in time is none of the column.)
+            let values = &self.frequency_hz[*place];
+            let finite = |v: &f64| v.is_finite();
+            let (first, last) = (values.iter().position(finite), values.iter().rposition(finite));
+            let (Some(first), Some(last)) = (first, last) else { continue };
+            let alike = values[first..=last].chunk_by(|a, b| a.is_finite() == b.is_finite());
+            let without = alike.filter(|c| !c[0].is_finite()).map(|c| c.len() as f64 * step_s).fold(0.0, f64::max);
+            if without > BRIDGE_S {
                 self.notes.push(format!("column {column} has no value for {without:.0} s; {behind}"));
             }
         }
@@ -869,7 +874,7 @@ mod tests {
         };
         let lost: Vec<String> = all.lines().enumerate().map(cut).collect();
         let text = notes(lost.join("\n"));
-        assert!(text.contains("column fy_hz has no value for 1501 s; behind a gap"), "{text}");
+        assert!(text.contains("column fy_hz has no value for 1500 s; behind a gap"), "{text}");
     }
 
     #[test]

@@ -18,7 +18,7 @@ use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::{ColumnDescriptor, Type};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::io::Read;
+use std::io::{Read, Write as _};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -501,7 +501,7 @@ pub fn begins_as_parquet(path: &Path) -> bool {
     crate::files::begins_with(path, MAGIC)
 }
 
-/// Writes the text of a recording: as Parquet if the path ends so, else as text.
+/// Writes the text of a recording: as Parquet if the path ends so, else as text, packed by gzip where the path ends in `.gz`.
 ///
 /// # Errors
 /// If the folder cannot be written.
@@ -517,9 +517,15 @@ pub fn write_parts<T>(
     path: &Path,
     make: impl FnOnce(&mut dyn FnMut(&str) -> anyhow::Result<()>) -> anyhow::Result<T>,
 ) -> anyhow::Result<T> {
+    let packed = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
     crate::output::write_with(path, |out| {
         if is_wanted(path) {
             into(out, make)
+        } else if packed {
+            let mut out = flate2::write::GzEncoder::new(out, flate2::Compression::default());
+            let made = make(&mut |part| Ok(out.write_all(part.as_bytes())?))?;
+            out.finish()?;
+            Ok(made)
         } else {
             make(&mut |part| Ok(out.write_all(part.as_bytes())?))
         }

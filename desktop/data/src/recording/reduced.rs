@@ -85,7 +85,6 @@ impl Recording {
         if !(step < 0.5 * MEAN_S) {
             return (self, 0);
         }
-        let bin = |t: f64| (t / MEAN_S).floor();
         let mut ends = Vec::new();
         for (k, w) in self.time_s.windows(2).enumerate() {
             if bin(w[0]) != bin(w[1]) {
@@ -117,6 +116,29 @@ impl Recording {
         let mut rates = rates.into_iter().map(|v| v.into_iter().map(|(mean, _)| mean).collect());
         let rate_dph = std::array::from_fn(|_| rates.next().unwrap_or_default());
         (Self { time_s, frequency_hz, rate_dph, optional, status, ..self }, spikes)
+    }
+
+    /// Takes the rows from a place on out of it.
+    fn rows_from(&mut self, from: usize) -> Self {
+        let of = |v: &mut Vec<f64>| v.split_off(from.min(v.len()));
+        Self {
+            time_s: of(&mut self.time_s),
+            frequency_hz: self.frequency_hz.each_mut().map(of),
+            rate_dph: self.rate_dph.each_mut().map(of),
+            optional: self.optional.iter_mut().map(|(name, v)| (*name, of(v))).collect(),
+            status: self.status.split_off(from.min(self.status.len())),
+            ..Self::default()
+        }
+    }
+
+    /// Exchanges the rows with those of another part.
+    fn exchange_rows(&mut self, other: &mut Self) {
+        use std::mem::swap;
+        swap(&mut self.time_s, &mut other.time_s);
+        swap(&mut self.frequency_hz, &mut other.frequency_hz);
+        swap(&mut self.rate_dph, &mut other.rate_dph);
+        swap(&mut self.optional, &mut other.optional);
+        swap(&mut self.status, &mut other.status);
     }
 
     /// Adds the rows of a part that follows.
@@ -206,6 +228,8 @@ impl<R: Read> Parts<R> {
 #[derive(Debug, Default)]
 pub struct Reduced {
     whole: Option<Recording>,
+    /// Rows of a mean that goes on in the next part.
+    begun: Option<Recording>,
     /// Time between two rows, s.
     step_s: f64,
     /// Rows, samples of rates that are spikes, and values that are missing.
@@ -216,12 +240,26 @@ pub struct Reduced {
 
 impl Reduced {
     /// Adds a part.
-    pub fn add(&mut self, r: Recording) {
+    pub fn add(&mut self, mut r: Recording) {
         self.rows += r.time_s.len();
         self.missing += r.cleaned.iter().map(|c| c.count).sum::<usize>();
         if self.whole.is_none() {
             self.step_s = r.step_s();
         }
+        if let Some(mut begun) = self.begun.take() {
+            r.exchange_rows(&mut begun);
+            r.append(begun);
+        }
+        let end = r.time_s.last().map_or(0.0, |t| bin(*t));
+        let from = r.time_s.iter().rposition(|t| bin(*t) != end).map_or(0, |k| k + 1);
+        if from > 0 {
+            self.begun = Some(r.rows_from(from));
+        }
+        self.take(r);
+    }
+
+    /// Takes means.
+    fn take(&mut self, r: Recording) {
         let (r, spikes) = r.reduced();
         self.spikes += spikes;
         match &mut self.whole {
@@ -240,7 +278,10 @@ impl Reduced {
     ///
     /// # Errors
     /// There was none.
-    pub fn recording(self) -> Result<Recording, BadInput> {
+    pub fn recording(mut self) -> Result<Recording, BadInput> {
+        if let Some(begun) = self.begun.take() {
+            self.take(begun);
+        }
         let Self { rows, spikes, missing, .. } = self;
         let mut whole = self.whole.ok_or_else(|| BadInput::new("the file is empty: there is no header line"))?;
         whole.notes.retain(|n| !n.contains("values are missing"));
@@ -276,6 +317,11 @@ fn header(text: &[u8]) -> &[u8] {
         }
     }
     &text[..at]
+}
+
+/// Number of the mean that a time belongs to.
+fn bin(t: f64) -> f64 {
+    (t / MEAN_S).floor()
 }
 
 fn groups(ends: &[usize]) -> impl Iterator<Item = std::ops::Range<usize>> + '_ {
@@ -348,8 +394,9 @@ mod tests {
         assert!(again == text && rows_of(&text).starts_with("0,20"));
         let read = of(Parts::open(&path).expect("opens"));
         assert!(read.0 == whole && read.1 == status && read.2 == 1, "{}", read.2);
-        std::fs::write(folder.join("run.csv"), &text).expect("written");
-        assert_eq!(of(Parts::open(&folder.join("run.csv")).expect("opens")).0, whole);
+        parquet::write_text(&folder.join("run.csv.gz"), &text).expect("written");
+        assert!(crate::files::begins_with(&folder.join("run.csv.gz"), crate::files::GZIP), "packed as its name says");
+        assert_eq!(of(Parts::open(&folder.join("run.csv.gz")).expect("opens")).0, whole);
         let _ = std::fs::remove_dir_all(&folder);
     }
 
@@ -364,7 +411,7 @@ mod tests {
         }
         let of = |part: usize| Recording::in_parts(text.as_bytes(), part).expect("reads");
         let r = of(1 << 16);
-        assert!((200..=230).contains(&r.time_s.len()), "{}", r.time_s.len());
+        assert_eq!(r.time_s.len(), 200, "a mean is not cut where a part ends");
         assert_eq!(r.unit(), "G-1");
         for (k, t) in r.time_s.iter().enumerate() {
             assert!((r.frequency_hz[0][k] - 20.0 - t).abs() < 1e-6 && (r.rate_dph[0][k] - 10.0 - t).abs() < 0.5, "{k}");

@@ -66,13 +66,7 @@ impl Steps {
     pub fn new(r: &Recording) -> Result<Self, BadInput> {
         let mut steps = Self::on_grid(r)?.0;
         // Behind a gap that is not bridged the temperature leaps, and so does its rate of change: the unit saw no such thing.
-        for a in 0..AXES {
-            let ends: Vec<usize> = steps.lost(a).map(|lost| lost.end).collect();
-            for from in ends {
-                let to = (from + BRIDGE_S as usize).min(steps.len());
-                steps.rate_dph[a][from..to].fill(f64::NAN);
-            }
-        }
+        steps.leave_out_behind_gaps(BRIDGE_S as usize);
         if steps.len() < SHORTEST {
             return Err(BadInput::new(format!(
                 "the recording lasts {} s; a fit needs three minutes at the least, and soaks and ramps of hours",
@@ -211,6 +205,17 @@ impl Steps {
         there.clone().zip(there.skip(1)).filter(far).map(|(before, after)| before + 1..after)
     }
 
+    /// Takes out the rates of so many seconds behind each such stretch.
+    pub fn leave_out_behind_gaps(&mut self, seconds: usize) {
+        for a in 0..AXES {
+            let ends: Vec<usize> = self.lost(a).map(|lost| lost.end).collect();
+            for from in ends {
+                let to = (from + seconds).min(self.len());
+                self.rate_dph[a][from..to].fill(f64::NAN);
+            }
+        }
+    }
+
     /// Quantities beside the frequencies at a step, gaps bridged.
     #[must_use]
     pub fn recorded(&self, k: usize) -> Quantities {
@@ -235,10 +240,11 @@ impl Steps {
         self.quantities[usize::from(number)].iter().copied().filter(|v| v.is_finite())
     }
 
-    /// `true` if more than nine of ten steps have a quantity: enough to learn effects of it, and to judge them.
+    /// `true` if more than nine of ten steps that have a temperature have a quantity, too: enough to learn effects of it, and to judge them.
     #[must_use]
     pub fn has_enough(&self, number: u8) -> bool {
-        10 * self.values(number).count() > 9 * self.len()
+        let steps = (0..self.len()).filter(|k| self.frequencies(*k).iter().any(Option::is_some)).count();
+        10 * self.values(number).count() > 9 * steps.max(1)
     }
 
     /// `true` if a quantity has two values that differ.

@@ -58,7 +58,7 @@ use hrg_data::error::BadInput;
 use hrg_data::numeric::progress;
 use hrg_data::recording::facts;
 use hrg_data::recording::names_of;
-use hrg_data::recording::steps::{unit_inputs, Run, Steps};
+use hrg_data::recording::steps::{unit_inputs, Run, Steps, BRIDGE_S};
 use hrg_data::recording::Recording;
 use image::Fits;
 use judge::Prediction;
@@ -66,6 +66,7 @@ use means::spread;
 use model::{Fitted, Specification, Term};
 use odds::THRESHOLD;
 use report::{by_axis, ByAxis, ChosenOn, Exchanged, TurnOn};
+pub use run_in::leave_out_behind_gaps;
 use run_in::Memory;
 use search::{Model, Rival, Search};
 use unseen::Unseen;
@@ -208,6 +209,20 @@ fn closed(
     }
 }
 
+/// Sentences about gaps behind which the state of the unit is not known.
+fn about_gaps<'r>(runs: &'r [Run], verify: &'r Run) -> impl Iterator<Item = String> + 'r {
+    let several = runs.len() > 1;
+    let train = move |k: usize| if several { format!("train run {}", k + 1) } else { "the train run".into() };
+    let named = runs.iter().enumerate().map(move |(k, run)| (train(k), run)).chain([("the verify run".into(), verify)]);
+    named.filter_map(|(what, run)| {
+        let gaps = run.steps.present().map(|a| run.steps.lost(a).count()).max().filter(|n| *n > 0)?;
+        let gaps = if gaps == 1 { "a gap".to_string() } else { format!("{gaps} gaps") };
+        Some(format!(
+            "{what} has {gaps} of more than {BRIDGE_S:.0} s: it is not known what the unit remembers behind it; what decays from there on counts as unknown"
+        ))
+    })
+}
+
 /// Log probability of all runs under a model: its score on the train runs, and the log density of the verify run under it.
 fn explained(search: &Search<'_>, learnt: &Learnt, fitted: &Fitted, verify: &Run, data: &Data<'_>) -> f64 {
     let known = |c: &Candidate| run_has(verify, data.runs, c, &data.scaling);
@@ -223,8 +238,23 @@ fn goes_on(train: &[Recording], verify: &Recording) -> bool {
     matches!(train, [one] if one.time_s == verify.time_s[..before])
 }
 
-/// The loop from what the search has learnt on.
+/// The loop from what the search has learnt on. Behind a gap of a run that judges the model does not know what the unit remembers.
 fn judged(
+    train: &[Recording],
+    verify: &Recording,
+    options: &Options,
+    prepared: &Prepared,
+    (verify_run, whole_verify, judge_run): (&Run, &Run, Option<&Run>),
+    learnt: (Search<'_>, Learnt, Fitted),
+) -> Result<Trace, BadInput> {
+    let memory = Memory::of(learnt.1.model.effects());
+    let [verify_run, whole_verify] = [verify_run, whole_verify].map(|r| run_in::without_behind_gaps(r, memory));
+    let judge_run = judge_run.map(|r| run_in::without_behind_gaps(r, memory));
+    judged_on(train, verify, options, prepared, (&verify_run, &whole_verify, judge_run.as_deref()), learnt)
+}
+
+/// The same on runs that are known throughout.
+fn judged_on(
     train: &[Recording],
     verify: &Recording,
     options: &Options,
@@ -239,6 +269,7 @@ fn judged(
     // Unpredictable effects, and those whose input is missing, are not subtracted from the verify run.
     let known = |c: &Candidate| c.facts.reach != Reach::Unpredictable && run_has(verify_run, runs, c, &scaling);
     notes.extend(about_fit(&fitted, data, &there, &known));
+    notes.extend(about_gaps(runs, verify_run));
 
     // The model and the baseline alone, with what they leave of each run.
     let plain = Fitted::plain(data)?;
@@ -793,6 +824,20 @@ mod tests {
         // Known from its beginning on, nothing is left out.
         let r = trace(&[train], &whole).expect("traces").report;
         assert!(r.notes.iter().all(|n| !n.contains("begins in a state")), "{:?}", r.notes);
+    }
+
+    #[test]
+    fn behind_a_gap_the_state_of_a_memory_is_unknown() {
+        let lag = ["thermal-lag:size=6"];
+        let (mut train, verify) = (plan("cycle", &lag, 31, 63), plan("verify", &lag, 31, 64));
+        let n = train.time_s.len();
+        for values in train.frequency_hz.iter_mut().chain(&mut train.rate_dph) {
+            values[2 * n / 5..3 * n / 5].fill(f64::NAN);
+        }
+        let r = trace(&[train], &verify).expect("traces").report;
+        assert!(r.notes.iter().any(|n| n.starts_with("the train run has a gap of more than 900 s")), "{:?}", r.notes);
+        assert_eq!(names(&r), ["thermal-lag"]);
+        assert!(r.floor_ratio.values().all(floor::Ratio::is_noise), "{:?}", r.floor_ratio);
     }
 
     /// A unit that heats itself after power-on, and whose bias settles in minutes and in half an hour.

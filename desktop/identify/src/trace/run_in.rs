@@ -8,10 +8,12 @@ use super::noise::Filters;
 use super::odds::THRESHOLD;
 use super::regression::posterior;
 use super::search::{Model, Search};
-use hrg_core::effects::{span, EffectId, Span};
+use hrg_core::calibration::{Calibration, EffectTerm};
+use hrg_core::effects::{self, span, EffectId, Span};
 use hrg_core::AXES;
 use hrg_data::cards::{card, Class};
-use hrg_data::recording::steps::Run;
+use hrg_data::recording::steps::{Run, Steps};
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 
 /// Time constants that are left out.
@@ -63,13 +65,14 @@ impl Memory {
         if to < from + 3 {
             return 0.0;
         }
+        let forgotten: Vec<Vec<f64>> = rows.forgotten.iter().map(|c| c[from..to].to_vec()).collect();
         let of_run = AxisRows {
             keep: rows.keep[from..to].to_vec(),
             starts: vec![0],
             y: left[from..to].to_vec(),
             base: vec![],
-            filters: Filters::new(&data.relative(a)[from..to], &[0]),
-            forgotten: vec![],
+            filters: Filters::new(&data.relative(a)[from..to], &[0]).beside(&forgotten),
+            forgotten,
             happened: vec![],
         };
         let constant = vec![1.0; to - from];
@@ -82,7 +85,7 @@ impl Memory {
     /// Leaves out the beginning of a run; a sentence says so. `what` names the run. With `learnt`, the run is learnt from: it stays whole
     /// where nothing later passes the same temperatures in the same direction.
     pub(super) fn leave_out(self, run: &mut Run, what: &str, learnt: bool) -> String {
-        let seconds = (TIME_CONSTANTS * self.tau_s).min(MOST * run.steps.len() as f64) as usize;
+        let seconds = remembered_s(self.tau_s, run.steps.len());
         if learnt {
             let (all, later) = (passed(run, 0), passed(run, seconds));
             if (later.len() as f64) < LEAST_PASSED * all.len() as f64 {
@@ -98,6 +101,34 @@ impl Memory {
             "{what} begins in a state of {} (time constant {:.0} s) that it does not tell: its first {seconds} s are left out of fit and judgement",
             self.name, self.tau_s
         )
+    }
+}
+
+/// Seconds of so many for which a memory of a time constant keeps what a recording does not tell.
+fn remembered_s(tau_s: f64, of: usize) -> usize {
+    (TIME_CONSTANTS * tau_s).min(MOST * of as f64) as usize
+}
+
+/// A run that judges, without the rates behind its gaps for as long as a model remembers: its error there is not known.
+pub(super) fn without_behind_gaps(run: &Run, memory: Option<Memory>) -> Cow<'_, Run> {
+    let gaps = run.steps.present().any(|a| run.steps.lost(a).next().is_some());
+    let Some(memory) = memory.filter(|_| gaps) else { return Cow::Borrowed(run) };
+    let mut without = run.clone();
+    without.steps.leave_out_behind_gaps(remembered_s(memory.tau_s, run.steps.len()));
+    Cow::Owned(without)
+}
+
+/// Takes the rates out of a recording behind its gaps for as long as an image remembers: its error there is not known.
+pub fn leave_out_behind_gaps(image: &Calibration, steps: &mut Steps) {
+    let of = |t: &EffectTerm| {
+        let facts = effects::by_id(t.id)?;
+        match span(t.id, &t.parameters) {
+            Span::Time(tau_s) if card(facts.effect).class == Class::Memory => Some(f64::from(tau_s)),
+            _ => None,
+        }
+    };
+    if let Some(tau_s) = image.effects.iter().filter_map(of).max_by(f64::total_cmp) {
+        steps.leave_out_behind_gaps(remembered_s(tau_s, steps.len()));
     }
 }
 

@@ -133,13 +133,8 @@ impl<'m> Filling<'m> {
     }
 
     fn notes(&self) -> Result<Vec<String>, BadInput> {
-        let taken = self.map.table.instance;
-        if !self.imus.is_empty() && !self.imus.contains(&taken) {
-            let there: Vec<String> = self.imus.iter().map(u8::to_string).collect();
-            return Err(BadInput(format!("the file has no IMU {taken}; it has {}", crate::error::list(&there))));
-        }
         let empty = (self.empty > 0).then(|| format!("{} cells are empty", self.empty));
-        Ok(super::others(&self.imus, taken).into_iter().chain(empty).collect())
+        Ok(super::others(&self.imus, self.map.table.instance)?.into_iter().chain(empty).collect())
     }
 }
 

@@ -174,7 +174,7 @@ pub fn read(bytes: &[u8], map: &Map) -> Result<Table, BadInput> {
         }));
     }
     let mut table = columnar::table(&columns, map)?;
-    table.notes.extend(super::others(&imus, taken));
+    table.notes.extend(super::others(&imus, taken)?);
     if skipped > 0 {
         table.notes.push(format!("{skipped} bytes belong to no message that the log describes: they are left out"));
     }

@@ -314,7 +314,7 @@ impl<'m> Filling<'m> {
             notes.push(format!("{} cells hold a text for a missing value", self.missing));
         }
         notes.extend(left_out(self.glued, self.cut));
-        notes.extend(super::others(&head.kept.imus, self.map.table.instance));
+        notes.extend(super::others(&head.kept.imus, self.map.table.instance)?);
         Ok(notes)
     }
 }

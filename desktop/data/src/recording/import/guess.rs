@@ -559,8 +559,12 @@ fn settle_times<'c>(columns: &mut [Column], cells: &dyn Fn(usize) -> Vec<&'c str
     };
     if let Some((date, pattern)) = date {
         if let Some((time, form)) = candidates.iter().filter(|k| **k != date).find_map(|k| Some((*k, of_day(k)?))) {
+            // (Seconds with a fraction are read by one form where they stand alone, and by another beside a date.)
+            let both: Vec<String> = cells(date).iter().zip(cells(time)).map(|(d, t)| format!("{d} {t}")).collect();
+            let beside = TimeForm::guess(&few(&both.iter().map(String::as_str).collect::<Vec<_>>()));
+            let beside = beside.and_then(|(f, _)| Some(f.strip_prefix(pattern)?.strip_prefix(' ')?.to_string()));
             columns[date].meaning = Meaning::Date(pattern.to_string());
-            columns[time].meaning = Meaning::TimeOfDay(form);
+            columns[time].meaning = Meaning::TimeOfDay(beside.unwrap_or(form));
             return;
         }
     }
@@ -866,6 +870,8 @@ mod tests {
             guessed("Rig 4\n\nDatum;Uhrzeit;wz [deg/s];Temp\n20.11.2026;07:30:00;0,1;20\n20.11.2026;07:30:01;0,2;20\n");
         assert_eq!((g.skip_lines, g.header, g.lacks()), (1, true, None));
         assert_eq!(g.time().as_deref(), Some("Datum+Uhrzeit=%d.%m.%Y %H:%M:%S"));
+        let of_fractions = "date,clock,gx [deg/s],temp\n20.11.2026,23:59:50.000,1,20\n20.11.2026,23:59:50.010,2,20\n20.11.2026,23:59:50.020,1,20\n";
+        assert_eq!(guessed(of_fractions).time().as_deref(), Some("date+clock=%d.%m.%Y %H:%M:%S.%f"));
         let g = guessed("t_ms,gx [deg/s],T\n1000,1,20\n1010,2,20\n1020,3,20\n");
         assert_eq!((g.skip_lines, g.time().as_deref(), g.lacks()), (0, Some("t_ms=ms"), None));
         // A time beside a temperature of the same letter; what looks like a clock or like days is no number of seconds.

@@ -317,6 +317,15 @@ impl Map {
             }
             let _ = conversion(quantity_of(name), c.unit.as_deref())?;
         }
+        let all = self.rate.values().chain(self.frequency.values()).chain(self.temperature.values());
+        for c in all.chain(self.optional.values()) {
+            if let Some([low, high]) = c.valid.filter(|[low, high]| !(low < high)) {
+                let name = c.column.all()[0];
+                return bad(format!(
+                    "column \"{name}\": valid = [{low}, {high}] has no value in it; give the lower limit first"
+                ));
+            }
+        }
         match (&self.time.column, self.time.step_s) {
             (None, Some(step)) if step > 0.0 => Ok(()),
             (Some(_), None) => self.time.form().map(drop),

@@ -84,15 +84,19 @@ fn imu_number(cell: Option<f64>) -> Option<u8> {
 }
 
 /// A note where a file holds several IMUs.
-fn others(imus: &std::collections::BTreeSet<u8>, taken: u8) -> Option<String> {
+///
+/// # Errors
+/// The one that is wanted is not among them.
+fn others(imus: &std::collections::BTreeSet<u8>, taken: u8) -> Result<Option<String>, BadInput> {
     let others: Vec<String> = imus.iter().filter(|n| **n != taken).map(u8::to_string).collect();
-    (!others.is_empty()).then(|| {
-        format!(
-            "IMU {taken} is taken; the file also has {}: --imu {} takes that one",
-            crate::error::list(&others),
-            others[0]
-        )
-    })
+    if others.is_empty() {
+        return Ok(None);
+    }
+    let list = crate::error::list(&others);
+    if !imus.contains(&taken) {
+        return Err(BadInput(format!("the file has no IMU {taken}; it has {list}")));
+    }
+    Ok(Some(format!("IMU {taken} is taken; the file also has {list}: --imu {} takes that one", others[0])))
 }
 
 /// Longest step between two readings that is bridged, s: as a fit bridges it.

@@ -141,7 +141,7 @@ pub fn read(path: &Path, map: &Map) -> Result<Table, BadInput> {
         Err(BadInput::new("the log is defective: its reader fails on it; copy it from the card again"))
     })?;
     let mut table = joined(&topics, &seen, map)?;
-    table.notes.extend(super::others(&imus, map.table.instance));
+    table.notes.extend(super::others(&imus, map.table.instance)?);
     if dropouts > 0 {
         let s = if dropouts == 1 { "" } else { "s" };
         table.notes.push(format!("{dropouts} dropout{s}: the logger could not write fast enough"));

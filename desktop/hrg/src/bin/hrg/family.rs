@@ -41,6 +41,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }
     }
     let units = by_unit(recordings);
+    let with_inputs = units.iter().flatten().any(|r| r.unit_inputs().is_ok_and(|i| !i.is_empty()));
     let longest = units.iter().flatten().max_by_key(|r| r.time_s.len()).cloned();
     let Learnt { family, left_out, unlike } = with_a_bar("learning the family", || Family::learn(&name, units))?;
     hrg_data::output::write_file(&arguments.out, family.to_json()?.as_bytes())?;
@@ -58,6 +59,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     println!("the spreads between {of} units are known to {:.0} % of themselves", 100.0 / (2.0 * (of - 1.0)).sqrt());
     if let Some(longest) = longest {
         print_parts(&family, &longest)?;
+    }
+    if with_inputs {
+        println!("note: a family has no effects of quantities beside the frequencies (drive, quadrature, board, supply): what a unit owes to them is not compensated");
     }
     if family.sources.iter().all(|s| s.runs.len() < 2) {
         println!("note: no unit has two runs: days are not told from units, and what a day adds lies in the spread between units");

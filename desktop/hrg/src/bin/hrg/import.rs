@@ -8,7 +8,7 @@ use hrg_data::recording::facts::Facts;
 use hrg_data::recording::import;
 use hrg_data::recording::import::guess::{beginning_of, guess, text_of, Guess};
 use hrg_data::recording::import::map::Map;
-use hrg_data::recording::reduced::{self, rows_of, Reduced};
+use hrg_data::recording::reduced::{self, rows_of, Reduced, MEAN_S};
 use hrg_data::recording::resonators::named;
 use hrg_data::recording::thermometer::Thermometer;
 use hrg_data::recording::{columns, dialect, parquet, Recording};
@@ -140,17 +140,16 @@ impl Large {
 
     fn run(&self, arguments: &Arguments) -> Result<()> {
         let facts = arguments.identity.facts()?;
-        let (clean, rows) = match &arguments.out {
+        let looked = match &arguments.out {
             Some(out) => parquet::write_parts(out, |to| self.through(&facts, to))?,
             None => self.through(&facts, &mut |_| Ok(()))?,
         };
-        told(arguments, self.guessed.as_ref(), &clean, rows);
+        told(arguments, self.guessed.as_ref(), &looked);
         Ok(())
     }
 
-    /// Gives the text of the recording part by part; what it is reduced to, looked at as any recording is; the number of its rows, and the
-    /// time between two of them, s.
-    fn through(&self, facts: &Facts, to: &mut dyn FnMut(&str) -> Result<()>) -> Result<(Recording, (usize, f64))> {
+    /// Gives the text of the recording part by part, and looks at what it is reduced to as at any recording.
+    fn through(&self, facts: &Facts, to: &mut dyn FnMut(&str) -> Result<()>) -> Result<Looked> {
         let here = |e: BadInput| BadInput(format!("{}: {e}", self.file.display()));
         let mut reduced = Reduced::default();
         let mut first = true;
@@ -182,9 +181,11 @@ impl Large {
         }
         let rows = reduced.rows();
         let mut clean = reduced.recording().map_err(here)?;
+        // (How it was reduced is no matter of what is written.)
+        clean.notes =
+            vec![format!("it is too large to be looked at row by row: what follows is of means of {MEAN_S} s")];
         clean.clean().map_err(here)?;
-        notes.append(&mut clean.notes);
-        Ok((Recording { notes, ..clean }, rows))
+        Ok(Looked { notes, clean, rows })
     }
 }
 
@@ -225,18 +226,29 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     // Looked at as any recording is, before it is written.
     let mut clean = Recording::parse(made.text.as_bytes()).map_err(here)?;
     clean.clean().map_err(here)?;
-    for note in &made.notes {
-        eprintln!("{}: {note}", file.display());
-    }
     if let Some(out) = out {
         parquet::write_text(out, &made.text)?;
     }
-    told(arguments, made.guessed.as_ref(), &clean, (clean.time_s.len(), clean.step_s()));
+    let rows = (clean.time_s.len(), clean.step_s());
+    told(arguments, made.guessed.as_ref(), &Looked { notes: made.notes, clean, rows });
     Ok(())
 }
 
+/// A recording as it is looked at when it is imported.
+struct Looked {
+    /// Notes on the file that it comes from.
+    notes: Vec<String>,
+    /// The recording, cleaned.
+    clean: Recording,
+    /// Number of rows, and the time between two of them, s.
+    rows: (usize, f64),
+}
+
 /// Tells what was made.
-fn told(Arguments { file, out, .. }: &Arguments, guessed: Option<&Guess>, clean: &Recording, rows: (usize, f64)) {
+fn told(Arguments { file, out, .. }: &Arguments, guessed: Option<&Guess>, Looked { notes, clean, rows }: &Looked) {
+    for note in notes {
+        eprintln!("{}: {note}", file.display());
+    }
     // (Lines and columns of the recording are those of the file that is written.)
     let written = out.as_ref().unwrap_or(file).display().to_string();
     for note in &clean.notes {
@@ -246,9 +258,9 @@ fn told(Arguments { file, out, .. }: &Arguments, guessed: Option<&Guess>, clean:
         print!("{}", guess.map());
         eprintln!("the columns are guessed as the map above says: if one is wrong, save it as map.toml, correct it, and give it by --map map.toml");
     }
-    let summary = summary(&written, clean, rows);
-    // (What is printed beside a guess is a map, and nothing else.)
-    if guessed.is_some() {
+    let summary = summary(&written, clean, *rows);
+    // (What is printed beside a guess is a map, and beside a recording the recording: nothing else.)
+    if guessed.is_some() || out.as_ref().is_some_and(|o| hrg_data::output::is_standard(o)) {
         eprintln!("{summary}");
     } else {
         println!("{summary}");
@@ -302,7 +314,7 @@ mod tests {
                 parts += text;
                 Ok(())
             };
-            let (clean, rows) = large.through(&Facts::default(), &mut to).expect("fits");
+            let Looked { clean, rows, .. } = large.through(&Facts::default(), &mut to).expect("fits");
             let whole = Made::of(&file, None, None).expect("fits");
             assert_eq!(parts, whole.text);
             assert!(rows.0 == Recording::parse(parts.as_bytes()).expect("ours").time_s.len() && clean.time_s.len() > 2);
