@@ -63,17 +63,6 @@ impl Cells {
     }
 }
 
-/// A table as it stands in a file.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Contents {
-    /// Metadata, by their keys.
-    pub meta: BTreeMap<String, String>,
-    /// Columns of numbers and texts, by their names in order.
-    pub columns: Vec<(String, Cells)>,
-    /// Columns of other kinds (lists, structures, decimals): by name.
-    pub others: Vec<String>,
-}
-
 /// `true` if a path asks for Parquet.
 #[must_use]
 pub fn is_wanted(path: &Path) -> bool {
@@ -257,26 +246,6 @@ impl<R: ChunkReader + 'static> Batches<R> {
     }
 }
 
-/// Reads a table.
-///
-/// # Errors
-/// One sentence: what cannot be read.
-pub fn read(bytes: Vec<u8>) -> Result<Contents, BadInput> {
-    let mut batches = Batches::new(bytes::Bytes::from(bytes))?;
-    let mut columns: Vec<(String, Cells)> =
-        batches.columns.iter().map(|(_, name, cells)| (name.clone(), cells.clone())).collect();
-    while let Some(batch) = batches.next_batch()? {
-        for ((_, all), (_, more)) in columns.iter_mut().zip(batch) {
-            match (all, more) {
-                (Cells::Numbers(all, _), Cells::Numbers(more, _)) => all.extend(more),
-                (Cells::Texts(all), Cells::Texts(more)) => all.extend(more),
-                _ => {}
-            }
-        }
-    }
-    Ok(Contents { meta: batches.meta, columns, others: batches.others })
-}
-
 /// The text of a recording that lies in a Parquet file.
 ///
 /// # Errors
@@ -302,6 +271,14 @@ impl Text<std::fs::File> {
     /// Of a file that has more cells than this; `None` for one that has less, and for what cannot be read.
     pub fn of_large(path: &Path, cells: u64) -> Option<Result<Self, BadInput>> {
         Batches::open(path).ok().filter(|b| b.size() > cells).map(Self::new)
+    }
+
+    /// Of any file.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or holds no recording.
+    pub fn open(path: &Path) -> Result<Self, BadInput> {
+        Self::new(Batches::open(path)?)
     }
 }
 
@@ -559,6 +536,13 @@ pub fn from_csv(csv: &str) -> Vec<u8> {
     bytes
 }
 
+/// The columns of the first rows of a Parquet file.
+#[cfg(test)]
+pub fn first_rows(bytes: Vec<u8>) -> Vec<(String, Cells)> {
+    let mut batches = Batches::new(bytes::Bytes::from(bytes)).expect("readable");
+    batches.next_batch().expect("readable").expect("rows")
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::samples::rows;
@@ -598,8 +582,8 @@ mod tests {
         let text = "# rates: corrected\n# unit: A\ntime_s,fx_hz,rate_x_dph,bias_x_dph,status_x,status_unit\n\
                     1,4878.848000000001,0.1,,3,0\n2,4878.8,-0.30000001,1e-7,65535,1\n";
         let bytes = from_csv(text);
-        let table = read(bytes.clone()).expect("readable");
-        assert_eq!(table.columns[4], ("status_x".into(), Cells::Numbers(vec![3.0, 65535.0], None)));
+        let table = first_rows(bytes.clone());
+        assert_eq!(table[4], ("status_x".into(), Cells::Numbers(vec![3.0, 65535.0], None)));
         let back = to_csv(bytes).expect("readable");
         let rows = |t: &str| t.lines().skip(2).map(|l| l.split(',').map(|c| c.parse::<f64>().ok()).collect()).collect();
         let (a, b): (Vec<Vec<_>>, Vec<Vec<_>>) = (rows(text), rows(&back));

@@ -172,9 +172,10 @@ impl Parts<Box<dyn Read>> {
     /// # Errors
     /// A file that cannot be read.
     pub fn open(path: &Path) -> Result<Self, BadInput> {
-        let text: Box<dyn Read> = match parquet::Text::of_large(path, 0).filter(|_| parquet::begins_as_parquet(path)) {
-            Some(text) => Box::new(text?),
-            None => crate::files::text(path, crate::files::MOST_RECORDING)?,
+        let text: Box<dyn Read> = if parquet::begins_as_parquet(path) {
+            Box::new(parquet::Text::open(path)?)
+        } else {
+            crate::files::text(path, crate::files::MOST_RECORDING)?
         };
         Ok(Self::new(text, PART))
     }

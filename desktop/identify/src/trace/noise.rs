@@ -9,6 +9,7 @@
 use crate::matrices::symmetric;
 use hrg_data::numeric::stats::{dot, sum_of_products, take_off};
 use nalgebra::SymmetricEigen;
+use std::borrow::Cow;
 
 /// One noise model.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -245,8 +246,10 @@ impl Filters {
 
     /// For each row, the product of a whitened column with a whitened step at that row, which lasts to row `to`.
     pub fn steps(&self, s: usize, x: &[f64], from: usize, to: usize) -> Vec<f64> {
-        let mut x = x.to_vec();
-        self.along(s, &mut x, |share| share);
+        let mut x = Cow::Borrowed(x);
+        if !self.unknown[s].is_empty() {
+            self.along(s, x.to_mut(), |share| share);
+        }
         let (mut after, mut sum) = (0.0, 0.0);
         let mut out = vec![0.0; to - from];
         for k in (from..to).rev() {

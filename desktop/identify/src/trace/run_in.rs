@@ -9,9 +9,9 @@ use super::odds::THRESHOLD;
 use super::regression::posterior;
 use super::search::{Model, Search};
 use hrg_core::calibration::{Calibration, EffectTerm};
-use hrg_core::effects::{self, span, EffectId, Span};
+use hrg_core::effects::{self, span, EffectId, Facts, Span};
 use hrg_core::AXES;
-use hrg_data::cards::{card, Class};
+use hrg_data::cards::{card, Class, ParameterRow};
 use hrg_data::recording::steps::{Run, Steps};
 use std::borrow::Cow;
 use std::collections::BTreeSet;
@@ -40,13 +40,11 @@ pub(super) struct Memory {
 impl Memory {
     /// The slowest of a model.
     pub(super) fn of<'c>(effects: impl Iterator<Item = &'c Candidate>) -> Option<Self> {
-        let slowest = |c: &Candidate| match span(c.facts.id, &c.parameters) {
-            Span::Time(tau_s) if card(c.facts.effect).class == Class::Memory => {
-                Some(Self { name: c.facts.name, effect: c.facts.effect, tau_s: f64::from(tau_s) })
-            }
-            _ => None,
+        let of = |c: &Candidate| {
+            let tau_s = memory_s(c.facts, &c.parameters)?;
+            Some(Self { name: c.facts.name, effect: c.facts.effect, tau_s })
         };
-        effects.filter_map(slowest).max_by(|x, y| x.tau_s.total_cmp(&y.tau_s))
+        effects.filter_map(of).max_by(|x, y| x.tau_s.total_cmp(&y.tau_s))
     }
 
     /// A decay from the first block of a run on, on the rows of an axis.
@@ -104,6 +102,14 @@ impl Memory {
     }
 }
 
+/// Longest time constant of an effect, s; `None` where it has no memory.
+fn memory_s(facts: &Facts, parameters: &ParameterRow) -> Option<f64> {
+    match span(facts.id, parameters) {
+        Span::Time(tau_s) if card(facts.effect).class == Class::Memory => Some(f64::from(tau_s)),
+        _ => None,
+    }
+}
+
 /// Seconds of so many for which a memory of a time constant keeps what a recording does not tell.
 fn remembered_s(tau_s: f64, of: usize) -> usize {
     (TIME_CONSTANTS * tau_s).min(MOST * of as f64) as usize
@@ -120,13 +126,7 @@ pub(super) fn without_behind_gaps(run: &Run, memory: Option<Memory>) -> Cow<'_, 
 
 /// Takes the rates out of a recording behind its gaps for as long as an image remembers: its error there is not known.
 pub fn leave_out_behind_gaps(image: &Calibration, steps: &mut Steps) {
-    let of = |t: &EffectTerm| {
-        let facts = effects::by_id(t.id)?;
-        match span(t.id, &t.parameters) {
-            Span::Time(tau_s) if card(facts.effect).class == Class::Memory => Some(f64::from(tau_s)),
-            _ => None,
-        }
-    };
+    let of = |t: &EffectTerm| memory_s(effects::by_id(t.id)?, &t.parameters);
     if let Some(tau_s) = image.effects.iter().filter_map(of).max_by(f64::total_cmp) {
         steps.leave_out_behind_gaps(remembered_s(tau_s, steps.len()));
     }

@@ -175,7 +175,7 @@ z = { column = \"gz\", unit = \"deg/s\" }
     #[test]
     fn rows_and_columns_are_those_of_the_map() {
         let csv = "t,imu,T,gz\n0,0,20,1\n10,1,99,9\n20,0,21,2\n30,0,,3\n";
-        let columns = parquet::read(parquet::from_csv(csv)).expect("readable").columns;
+        let columns = parquet::first_rows(parquet::from_csv(csv));
         let read = |map: &str| table(&columns, &Map::parse(map).expect("a map"));
         let table = read(MAP).expect("fits");
         assert_eq!(table.columns[0], ("t".into(), vec![20.0, 30.0]));
