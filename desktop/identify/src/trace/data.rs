@@ -4,8 +4,9 @@ use super::model::TEMPERATURE_TERMS;
 use super::noise::{Filters, Growth};
 use crate::fit::baseline_columns;
 use hrg_core::bias::{Scaling, TERMS};
-use hrg_core::effects::{self, EffectId, Facts, Running, MAX_OUTPUTS};
+use hrg_core::effects::{self, EffectId, Facts, Inputs, Running, MAX_OUTPUTS};
 use hrg_core::inputs::{Input, Quantities, QuantitySet};
+use hrg_core::thermal::Thermal;
 use hrg_core::{AXES, MODEL_STEP_S};
 use hrg_data::cards;
 use hrg_data::cards::{Extent, ParameterRow};
@@ -212,6 +213,8 @@ pub struct Data<'a> {
     pub blocks: Vec<usize>,
     /// The axes.
     pub axes: [AxisRows; AXES],
+    /// The thermal state in the middle of each of those rows, close together: the search goes through them thousands of times.
+    coarse: Vec<Vec<Thermal>>,
     /// Growth of the noise with temperature, by axis.
     pub growth: [Growth; AXES],
     /// Set if the judged run continues the only train run: a step in the train run then lasts.
@@ -377,6 +380,8 @@ impl<'a> Data<'a> {
             rows
         });
         let growth = [Growth::default(); AXES];
+        let rows = |(run, n): (&Run, &usize)| (0..3 * n).map(|k| run.thermal[k * coarse_s + coarse_s / 2]).collect();
+        let coarse = runs.iter().zip(&blocks).map(rows).collect();
         Self {
             runs,
             scaling,
@@ -385,6 +390,7 @@ impl<'a> Data<'a> {
             coarse_s,
             blocks,
             axes,
+            coarse,
             growth,
             goes_on: false,
             unseen: false,
@@ -418,9 +424,11 @@ impl<'a> Data<'a> {
                 for k in (b * self.block_s..(b + 1) * self.block_s).step_by(every) {
                     let at = k + every / 2;
                     let quantities = if recorded { run.quantities(at) } else { Quantities::NONE };
-                    let Some(inputs) = run.inputs(&self.scaling, at, a, &quantities) else {
+                    let thermal = if exact { &run.thermal[at] } else { &self.coarse[number][k / self.coarse_s] };
+                    if thermal.state(a).is_none() {
                         continue;
-                    };
+                    }
+                    let inputs = Inputs { scaling: &self.scaling, thermal, axis: a, quantities: &quantities };
                     let x = match (&mut running, own) {
                         (Some(r), _) => r.step(&inputs),
                         (None, own) => own.map_or([f32::NAN; MAX_OUTPUTS], |own| own.on(a)[at]),

@@ -8,10 +8,13 @@
 use super::data::AxisRows;
 use super::model::TEMPERATURE_TERMS;
 use super::noise::{Basis, NOISE_MODELS};
+use super::proposals::free_steps;
 use crate::matrices::{log_determinant, symmetric};
 use hrg_core::bias::TERMS;
-use hrg_data::numeric::stats::{dot, log_sum, std_dev};
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
+use hrg_data::numeric::stats::{dot, log_sum, std_dev, take_off};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use std::cell::OnceCell;
+use std::collections::HashMap;
 
 /// The group of the baseline's ramp terms: every model has it, with a variance of its own, so that a unit without them is not charged for
 /// them.
@@ -49,10 +52,12 @@ struct View {
     columns: Vec<Vec<f64>>,
     /// Products with the rates.
     b: Vec<f64>,
-    /// Products of a column with every other, as far as they are known.
+    /// Products of a column with others; NaN where they were not asked for.
     products: Vec<Vec<f64>>,
     /// Products of the columns of each group with each other.
     own: Vec<DMatrix<f64>>,
+    /// Squares of steps free of the baseline, once they were asked for.
+    steps: OnceCell<Vec<f64>>,
 }
 
 impl View {
@@ -81,6 +86,7 @@ impl View {
             b: vec![],
             products: vec![],
             own: vec![],
+            steps: OnceCell::new(),
         }
     }
 
@@ -109,23 +115,29 @@ impl View {
 
     /// Product of two columns.
     fn product(&self, i: usize, j: usize) -> f64 {
-        let known = |i: usize, j: usize| self.products[i].get(j).copied();
+        let known = |i: usize, j: usize| self.products[i].get(j).copied().filter(|p| !p.is_nan());
         known(i, j).or_else(|| known(j, i)).unwrap_or_else(|| dot(&self.columns[i], &self.columns[j]))
     }
 
-    /// Makes the products of these columns with all others known.
-    fn know(&mut self, columns: &[usize]) {
+    /// Makes the products of these columns with each other and with some more known.
+    fn know(&mut self, columns: &[usize], with: &[usize]) {
         for &i in columns {
-            let from = self.products[i].len();
-            let more: Vec<f64> = self.columns[from..].iter().map(|c| dot(c, &self.columns[i])).collect();
-            self.products[i].extend(more);
+            self.products[i].resize(self.columns.len(), f64::NAN);
+        }
+        // (Each of the many columns is fetched once.)
+        for &j in columns.iter().chain(with) {
+            for &i in columns {
+                if self.products[i][j].is_nan() {
+                    self.products[i][j] = dot(&self.columns[j], &self.columns[i]);
+                }
+            }
         }
     }
 }
 
 /// A model of one axis under one noise model, ready to be extended.
 struct Base {
-    /// `L^-1 D^1/2 G`, for every column.
+    /// `L^-1 D^1/2 G`, for the columns that may be added.
     half: DMatrix<f64>,
     /// `L^-1 D^1/2 b`.
     rates: DVector<f64>,
@@ -163,6 +175,8 @@ pub struct Axis<'d> {
     pub scale: Vec<f64>,
     /// Variance of what the baseline leaves, (deg/h)^2.
     limit: f64,
+    /// Extensions that were asked for before: of a model (its groups, and their variances as bits), by group.
+    extended: HashMap<Vec<(usize, u64)>, Vec<Option<Extension>>>,
 }
 
 impl<'d> Axis<'d> {
@@ -170,7 +184,7 @@ impl<'d> Axis<'d> {
     pub fn new(rows: &'d AxisRows) -> Self {
         let views: Vec<View> = (0..NOISE_MODELS.len()).map(|s| View::new(rows, s)).collect();
         let limit = views[0].squares / views[0].free;
-        let mut axis = Self { rows, views, groups: vec![], scale: vec![], limit };
+        let mut axis = Self { rows, views, groups: vec![], scale: vec![], limit, extended: HashMap::new() };
         axis.push(Some(rows.base[TEMPERATURE_TERMS..TERMS].to_vec()));
         axis
     }
@@ -213,6 +227,7 @@ impl<'d> Axis<'d> {
             v.own.truncate(count);
         }
         self.groups.truncate(count);
+        self.extended.values_mut().for_each(|e| e.truncate(count));
         let columns = self.groups.iter().flatten().flatten().max().map_or(0, |k| k + 1);
         self.scale.truncate(columns);
         for v in &mut self.views {
@@ -314,13 +329,12 @@ impl<'d> Axis<'d> {
         (each, best)
     }
 
-    fn base(&mut self, s: usize, shares: &[Share]) -> Option<Base> {
+    fn base(&mut self, s: usize, shares: &[Share], more: &[usize]) -> Option<Base> {
         let (columns, root) = self.expand(shares);
-        self.views[s].know(&columns);
+        self.views[s].know(&columns, more);
         let (f, c) = self.factor(s, &columns, &root)?;
         let v = &self.views[s];
-        let (p, all) = (columns.len(), v.columns.len());
-        let mut half = DMatrix::from_fn(p, all, |i, j| root[i] * v.products[columns[i]][j]);
+        let mut half = DMatrix::from_fn(columns.len(), more.len(), |i, j| root[i] * v.products[columns[i]][more[j]]);
         f.l_dirty().solve_lower_triangular_mut(&mut half);
         let rates = f.l_dirty().solve_lower_triangular(&c)?;
         let left = v.squares - rates.dot(&rates);
@@ -330,40 +344,56 @@ impl<'d> Axis<'d> {
 
     /// Evidence of the model with each offered group added: the model's own variances stay. `None` for a group that the axis does not have.
     pub fn extensions(&mut self, model: &AxisModel, offered: &[bool]) -> Vec<Option<Extension>> {
+        let key: Vec<(usize, u64)> = model.shares.iter().map(|s| (s.group, s.variance.to_bits())).collect();
+        let mut all = self.extended.remove(&key).unwrap_or_default();
+        all.resize(self.groups.len(), None);
+        let wanted: Vec<usize> =
+            (0..all.len()).filter(|&k| offered[k] && all[k].is_none() && self.groups[k].is_some()).collect();
+        for (k, extension) in self.extended_by(model, &wanted) {
+            all[k] = Some(extension);
+        }
+        let out = all.iter().zip(offered).map(|(e, offered)| e.filter(|_| *offered)).collect();
+        self.extended.insert(key, all);
+        out
+    }
+
+    /// The same of some groups that the axis has.
+    fn extended_by(&mut self, model: &AxisModel, groups: &[usize]) -> Vec<(usize, Extension)> {
+        if groups.is_empty() {
+            return vec![];
+        }
+        let of = |k: &usize| self.groups[*k].clone().unwrap_or_default();
+        let mut more: Vec<usize> = groups.iter().flat_map(of).collect();
+        more.sort_unstable();
+        more.dedup();
         // Of each group: its evidence under each noise model, and the best of them with its variance.
-        let mut each = vec![([f64::NEG_INFINITY; NOISE_MODELS.len()], f64::NEG_INFINITY, 0.0); self.groups.len()];
+        let mut each = vec![([f64::NEG_INFINITY; NOISE_MODELS.len()], f64::NEG_INFINITY, 0.0); groups.len()];
         for s in 0..NOISE_MODELS.len() {
-            let Some(base) = self.base(s, &model.shares) else { continue };
+            let Some(base) = self.base(s, &model.shares, &more) else { continue };
             let most = self.most(base.left / self.views[s].free);
-            for (k, (each, best, at)) in each.iter_mut().enumerate() {
-                let Some(group) = self.groups[k].as_ref().filter(|_| offered[k]) else { continue };
-                let (values, along) = self.spectrum(s, &base, k, group);
-                let (gain, variance) = best_gain(&values, &along, self.views[s].free, base.left, most);
+            for (&k, (each, best, at)) in groups.iter().zip(&mut each) {
+                let (gain, variance) = self.added(s, &base, k, &more).best_gain(self.views[s].free, base.left, most);
                 each[s] = base.evidence + gain;
                 if each[s] > *best {
                     (*best, *at) = (each[s], variance);
                 }
             }
         }
-        let extension = |(each, best, variance): ([f64; NOISE_MODELS.len()], f64, f64)| {
-            (best > f64::NEG_INFINITY).then(|| Extension { evidence: mean_evidence(&each), variance })
+        let of = |(&k, (each, best, variance)): (&usize, ([f64; NOISE_MODELS.len()], f64, f64))| {
+            (best > f64::NEG_INFINITY).then(|| (k, Extension { evidence: mean_evidence(&each), variance }))
         };
-        each.into_iter().map(extension).collect()
+        groups.iter().zip(each).filter_map(of).collect()
     }
 
-    /// A group free of what the model explains, along its principal directions: their squares, and their products with the rates.
-    fn spectrum(&self, s: usize, base: &Base, number: usize, group: &[usize]) -> (Vec<f64>, Vec<f64>) {
+    /// A group free of what the model explains; `more` are the columns of `base`, in order.
+    fn added(&self, s: usize, base: &Base, number: usize, more: &[usize]) -> Tridiagonal {
         let v = &self.views[s];
-        let m = group.len();
-        let half = |i: usize| base.half.column(group[i]);
-        let g = symmetric(m, |i, j| v.own[number][(i, j)] - half(i).dot(&half(j)));
-        let b = DVector::from_fn(m, |i, _| v.b[group[i]] - half(i).dot(&base.rates));
-        if m == 1 {
-            return (vec![g[(0, 0)].max(0.0)], vec![b[0]]);
-        }
-        let e = SymmetricEigen::new(g);
-        let along = e.eigenvectors.transpose() * b;
-        (e.eigenvalues.iter().map(|v| v.max(0.0)).collect(), along.iter().copied().collect())
+        let group = self.groups[number].as_deref().unwrap_or_default();
+        let place = |k: &usize| more.partition_point(|m| m < k);
+        let half: Vec<_> = group.iter().map(|k| base.half.column(place(k))).collect();
+        let g = symmetric(group.len(), |i, j| v.own[number][(i, j)] - half[i].dot(&half[j]));
+        let b = group.iter().zip(&half).map(|(k, half)| v.b[*k] - half.dot(&base.rates)).collect();
+        Tridiagonal::new(g, b)
     }
 
     /// Log likelihood of rows that a model did not see: each sixth of the rows predicted from the others.
@@ -433,14 +463,15 @@ impl<'d> Axis<'d> {
         let v = &self.views[noise_model];
         let mut y = v.y.clone();
         for (i, c) in columns.iter().enumerate() {
-            hrg_data::numeric::stats::take_off(&mut y, root[i] * z[i], &v.columns[*c]);
+            take_off(&mut y, root[i] * z[i], &v.columns[*c]);
         }
         y
     }
 
-    /// The baseline's basis under a noise model.
-    pub fn basis(&self, noise_model: usize) -> &Basis {
-        &self.views[noise_model].base
+    /// Squares of a step at each row, free of the baseline ([`free_steps`]).
+    pub fn steps(&self, noise_model: usize) -> &[f64] {
+        let v = &self.views[noise_model];
+        v.steps.get_or_init(|| free_steps(self.rows, noise_model, &v.base))
     }
 
     /// A whitened column, free of the baseline.
@@ -449,44 +480,94 @@ impl<'d> Axis<'d> {
     }
 }
 
-/// The gain in evidence of a group at its best variance, at most `most`, and that variance. `values` are the squares of its principal
-/// directions, `along` their products with the rates, of which the model leaves squares of `left`.
-fn best_gain(values: &[f64], along: &[f64], free: f64, left: f64, most: f64) -> (f64, f64) {
-    let gain = |variance: f64| {
-        let (mut determinant, mut explained) = (0.0, 0.0);
-        for (d, c) in values.iter().zip(along) {
-            determinant += (variance * d).ln_1p();
-            explained += variance * c * c / (1.0 + variance * d);
+/// A group beside a model: the products of its columns with each other, and with the rates, turned so that the first are tridiagonal (Householder
+/// 1958). Each variance of its gains then costs as many steps as there are columns.
+struct Tridiagonal {
+    diagonal: Vec<f64>,
+    beside: Vec<f64>,
+    rates: Vec<f64>,
+}
+
+impl Tridiagonal {
+    fn new(mut products: DMatrix<f64>, mut rates: Vec<f64>) -> Self {
+        let n = rates.len();
+        let g = products.as_mut_slice();
+        let mut beside = Vec::with_capacity(n);
+        for k in 1..n {
+            let mut v = g[(k - 1) * n + k..k * n].to_vec();
+            let length = dot(&v, &v).sqrt();
+            let turned = if v[0] > 0.0 { -length } else { length };
+            beside.push(turned);
+            v[0] -= turned;
+            let square = dot(&v, &v);
+            if k + 1 == n || square == 0.0 {
+                // (One element is where it has to be.)
+                beside[k - 1] = g[(k - 1) * n + k];
+                continue;
+            }
+            let mut w: Vec<f64> = (k..n).map(|j| 2.0 / square * dot(&v, &g[j * n + k..(j + 1) * n])).collect();
+            let along = dot(&v, &w) / square;
+            take_off(&mut w, along, &v);
+            for j in k..n {
+                let column = &mut g[j * n + k..(j + 1) * n];
+                take_off(column, w[j - k], &v);
+                take_off(column, v[j - k], &w);
+            }
+            let along = 2.0 / square * dot(&v, &rates[k..]);
+            take_off(&mut rates[k..], along, &v);
         }
-        -0.5 * (determinant + free * (1.0 - explained / left).max(1e-12).ln())
-    };
-    if let (&[d], &[c]) = (values, along) {
-        // Of one column: the share q = variance d / (1 + variance d) at which the derivative is zero.
-        let share = c * c / (d * left);
-        let q = (free * share - 1.0) / (share * (free - 1.0));
-        let variance = if q > 0.0 { (q / ((1.0 - q).max(1e-12) * d)).min(most) } else { 1e-9 * most };
-        return (gain(variance), variance);
+        Self { diagonal: products.diagonal().iter().copied().collect(), beside, rates }
     }
-    let top = most.max(1e-300).ln();
-    let (mut best, mut at) = (f64::NEG_INFINITY, top);
-    for k in 0..14 {
-        let x = top - 1.4 * f64::from(k);
-        let g = gain(x.exp());
-        if g > best {
-            (best, at) = (g, x);
-        }
-    }
-    let mut step = 0.7;
-    for _ in 0..4 {
-        for x in [at - step, (at + step).min(top)] {
-            let g = gain(x.exp());
-            if g > best {
-                (best, at) = (g, x);
+
+    /// Gain in evidence at a variance of the gains; the model without the group leaves squares of `left` on `free` degrees of freedom.
+    fn gain(&self, variance: f64, free: f64, left: f64) -> f64 {
+        let (mut log, mut product, mut explained) = (0.0, 1.0, 0.0);
+        let (mut last, mut pivot) = (0.0, 1.0);
+        for (k, (d, c)) in self.diagonal.iter().zip(&self.rates).enumerate() {
+            let beside = if k > 0 { variance * self.beside[k - 1] } else { 0.0 };
+            let share = beside / pivot;
+            // (What is added to the unit matrix has no negative part: below 1 there is rounding alone.)
+            pivot = (1.0 + variance * d - share * beside).max(1.0);
+            last = c - share * last;
+            explained += last * last / pivot;
+            product *= pivot;
+            if product > 1e100 {
+                log += product.ln();
+                product = 1.0;
             }
         }
-        step *= 0.5;
+        let determinant = log + product.ln();
+        -0.5 * (determinant + free * (1.0 - variance * explained / left).max(1e-12).ln())
     }
-    (best, at.exp())
+
+    /// The gain at the best variance, at most `most`, and that variance.
+    fn best_gain(&self, free: f64, left: f64, most: f64) -> (f64, f64) {
+        let gain = |variance: f64| self.gain(variance, free, left);
+        if let (&[d], &[c]) = (&self.diagonal[..], &self.rates[..]) {
+            // Of one column: the share q = variance d / (1 + variance d) at which the derivative is zero.
+            let share = c * c / (d * left);
+            let q = (free * share - 1.0) / (share * (free - 1.0));
+            let variance = if q > 0.0 { (q / ((1.0 - q).max(1e-12) * d)).min(most) } else { 1e-9 * most };
+            return (gain(variance), variance);
+        }
+        let top = most.max(1e-300).ln();
+        let (mut best, mut at) = (f64::NEG_INFINITY, top);
+        let tried = |x: f64, best: &mut f64, at: &mut f64| {
+            let g = gain(x.exp());
+            if g > *best {
+                (*best, *at) = (g, x);
+            }
+        };
+        (0..14).for_each(|k| tried(top - 1.4 * f64::from(k), &mut best, &mut at));
+        let mut step = 0.7;
+        for _ in 0..4 {
+            for x in [at - step, (at + step).min(top)] {
+                tried(x, &mut best, &mut at);
+            }
+            step *= 0.5;
+        }
+        (best, at.exp())
+    }
 }
 
 /// Scales a column to unit deviation; gives its deviation before.
@@ -501,4 +582,36 @@ fn to_unit_deviation(c: &mut [f64]) -> f64 {
 fn mean_evidence(each: &[f64; NOISE_MODELS.len()]) -> f64 {
     let each: Vec<f64> = each.iter().zip(NOISE_MODELS).map(|(e, n)| e + n.log_prior()).collect();
     log_sum(&each)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_gain_of_a_group_is_that_of_the_whole_matrix() {
+        // Gain = -1/2 (ln det(I + v G) + free ln(1 - v b' (I + v G)^-1 b / left)), for products of any size.
+        for n in [1, 2, 3, 9] {
+            let columns: Vec<Vec<f64>> = (0..n)
+                .map(|j| (0..40).map(|k| ((k * (j + 2)) as f64 * 0.37).sin() + 0.2 * j as f64).collect())
+                .collect();
+            let y: Vec<f64> = (0..40).map(|k| (k as f64 * 0.9).cos() + 0.1 * k as f64).collect();
+            let g = symmetric(n, |i, j| dot(&columns[i], &columns[j]));
+            let b: Vec<f64> = columns.iter().map(|c| dot(c, &y)).collect();
+            let (left, free) = (dot(&y, &y), 38.0);
+            let turned = Tridiagonal::new(g.clone(), b.clone());
+            for variance in [1e-6, 1e-3, 0.1, 30.0] {
+                let f = (DMatrix::identity(n, n) + variance * &g).cholesky().expect("positive");
+                let b = DVector::from_vec(b.clone());
+                let explained = variance * b.dot(&f.solve(&b));
+                let wanted = -0.5 * (log_determinant(&f) + free * (1.0 - explained / left).ln());
+                assert!((turned.gain(variance, free, left) - wanted).abs() < 1e-9, "{n} {variance}");
+            }
+            let (best, at) = turned.best_gain(free, left, 10.0);
+            assert!(
+                (0..200).all(|k| turned.gain(10.0 * 0.9f64.powi(k), free, left) < best + 0.05),
+                "{n}: {best} at {at}"
+            );
+        }
+    }
 }

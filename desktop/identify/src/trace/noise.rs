@@ -216,11 +216,11 @@ impl Filters {
 
     /// A column whitened by every model: as [`whiten`](Self::whiten) does it, side by side.
     pub fn whiten_by_all(&self, x: &[f64]) -> [Vec<f64>; NOISE_MODELS.len()] {
-        let mut out = [(); NOISE_MODELS.len()].map(|()| Vec::with_capacity(x.len()));
+        let mut out = [(); NOISE_MODELS.len()].map(|()| vec![0.0; x.len()]);
         let mut predicted = [0.0; NOISE_MODELS.len()];
         for (k, &now) in x.iter().enumerate() {
             for (s, o) in out.iter_mut().enumerate() {
-                o.push((now - predicted[s]) * self.scale[k][s]);
+                o[k] = (now - predicted[s]) * self.scale[k][s];
             }
             for (s, p) in predicted.iter_mut().enumerate() {
                 *p = self.keep[k][s] * *p + self.take[k][s] * now;

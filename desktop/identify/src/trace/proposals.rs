@@ -18,8 +18,8 @@ pub const RECOVERIES_S: [f32; 3] = [600.0, 2000.0, 6000.0];
 pub struct Left<'b> {
     /// Number of the noise model.
     pub noise_model: usize,
-    /// The baseline's basis.
-    pub baseline: &'b Basis,
+    /// Square of a whitened step at each row, which lasts to the end of its run, free of the baseline ([`free_steps`]).
+    pub steps: &'b [f64],
     /// The rates.
     pub y: Vec<f64>,
 }
@@ -37,9 +37,11 @@ pub fn periods(data: &Data<'_>, left: &[Left<'_>; AXES]) -> Vec<Candidate> {
     let mut power = vec![0.0; n];
     for (view, rows) in left.iter().zip(&data.axes).filter(|(v, _)| !v.y.is_empty()) {
         let variance = dot(&view.y, &view.y) / view.y.len().max(1) as f64;
-        for (k, p) in power.iter_mut().enumerate() {
-            let (re, im) = line(&view.y, &rows.keep, std::f64::consts::TAU * frequency(k) * block);
-            *p += (re * re + im * im) / (view.y.len() as f64 * variance);
+        for from in (0..n).step_by(LINES) {
+            let w = std::array::from_fn(|k| std::f64::consts::TAU * frequency(from + k) * block);
+            for (p, square) in power[from..].iter_mut().zip(lines(&view.y, &rows.keep, w)) {
+                *p += square / (view.y.len() as f64 * variance);
+            }
         }
     }
     let mut peaks: Vec<usize> = (1..n - 1).filter(|&k| power[k] >= power[k - 1] && power[k] >= power[k + 1]).collect();
@@ -51,23 +53,30 @@ pub fn periods(data: &Data<'_>, left: &[Left<'_>; AXES]) -> Vec<Candidate> {
         .collect()
 }
 
-/// One line of a spectrum: `w` is the phase from a block to the next.
-fn line(y: &[f64], blocks: &[usize], w: f64) -> (f64, f64) {
-    let (step_s, step_c) = w.sin_cos();
-    let (mut re, mut im) = (0.0, 0.0);
+/// Lines of a spectrum that are summed side by side.
+const LINES: usize = 8;
+
+/// Squares of some lines of a spectrum: `w` is the phase of each from a block to the next.
+fn lines(y: &[f64], blocks: &[usize], w: [f64; LINES]) -> [f64; LINES] {
+    let (step_s, step_c) = (w.map(f64::sin), w.map(f64::cos));
+    let (mut re, mut im) = ([0.0; LINES], [0.0; LINES]);
     let mut at = usize::MAX;
-    let (mut s, mut c) = (0.0, 1.0);
+    let (mut s, mut c) = ([0.0; LINES], [1.0; LINES]);
     for (y, &b) in y.iter().zip(blocks) {
-        if at != usize::MAX && b == at + 1 {
-            (s, c) = (s * step_c + c * step_s, c * step_c - s * step_s);
-        } else {
-            (s, c) = (w * b as f64).sin_cos();
-        }
+        let next = at != usize::MAX && b == at + 1;
         at = b;
-        re += c * y;
-        im += s * y;
+        if !next {
+            (s, c) = (w.map(|w| (w * b as f64).sin()), w.map(|w| (w * b as f64).cos()));
+        }
+        for k in 0..LINES {
+            if next {
+                (s[k], c[k]) = (s[k] * step_c[k] + c[k] * step_s[k], c[k] * step_c[k] - s[k] * step_s[k]);
+            }
+            re[k] += c[k] * y;
+            im[k] += s[k] * y;
+        }
     }
-    (re, im)
+    std::array::from_fn(|k| re[k] * re[k] + im[k] * im[k])
 }
 
 /// A shock at the place of each step, with some times of recovery.
@@ -114,19 +123,26 @@ pub fn jumps(data: &Data<'_>, left: &[Left<'_>; AXES]) -> Vec<Candidate> {
 
 /// Squares of the rates that a step at each row of a run explains: for all places at once by the whitening run backwards.
 fn steps(view: &Left<'_>, rows: &AxisRows, run: Range<usize>) -> Vec<f64> {
-    let Range { start: from, end: to } = run;
-    let products = |x: &[f64]| rows.filters.steps(view.noise_model, x, from, to);
-    let product = products(&view.y);
-    let cuts: Vec<Vec<f64>> = view.baseline.columns.iter().map(|q| products(q)).collect();
-    (0..to - from)
-        .map(|k| {
-            let whole = rows.filters.square_of_step(view.noise_model, from + k, to);
+    let product = rows.filters.steps(view.noise_model, &view.y, run.start, run.end);
+    let explained = |(product, square): (f64, &f64)| if *square > 0.0 { product * product / square } else { 0.0 };
+    product.into_iter().zip(&view.steps[run]).map(explained).collect()
+}
+
+/// Square of a step at each row that lasts to the end of its run, whitened by a noise model, free of the baseline; 0 where the baseline spans it.
+pub fn free_steps(rows: &AxisRows, noise_model: usize, baseline: &Basis) -> Vec<f64> {
+    let of_run = |number: usize| {
+        let Range { start: from, end: to } = rows.run(number);
+        let cuts: Vec<Vec<f64>> =
+            baseline.columns.iter().map(|q| rows.filters.steps(noise_model, q, from, to)).collect();
+        (0..to - from).map(move |k| {
+            let whole = rows.filters.square_of_step(noise_model, from + k, to);
             let left = whole - cuts.iter().map(|c| c[k] * c[k]).sum::<f64>();
             if left > 1e-3 * whole {
-                product[k] * product[k] / left
+                left
             } else {
                 0.0
             }
         })
-        .collect()
+    };
+    (0..rows.starts.len()).flat_map(of_run).collect()
 }

@@ -16,7 +16,7 @@ use hrg_core::calibration::MAX_EFFECTS;
 use hrg_core::effects::{EffectId, Reach};
 use hrg_core::AXES;
 use hrg_data::cards::Class;
-use hrg_data::cards::{card, Card, Kind};
+use hrg_data::cards::{card, Card, Extent, Kind};
 
 /// Most effects of a model.
 pub const MOST: usize = 6;
@@ -118,6 +118,7 @@ fn merged(state: &State, other: &State, axes: &[usize]) -> State {
 pub struct Search<'a> {
     data: &'a Data<'a>,
     axes: [Axis<'a>; AXES],
+    extent: Extent,
     /// Each: an effect, or some that share one variance, the one that gives the name first.
     candidates: Vec<Vec<Candidate>>,
     /// Values of the parameter that were offered for each.
@@ -145,6 +146,7 @@ impl<'a> Search<'a> {
         let mut s = Self {
             data,
             axes,
+            extent: data.extent(),
             candidates: vec![vec![]],
             tries: vec![1.0],
             offered: vec![false],
@@ -169,8 +171,7 @@ impl<'a> Search<'a> {
     /// here stay among the candidates.)
     fn starts(&mut self) -> Starts {
         let (runs, alike) = (self.data.runs.len(), self.data.alike);
-        let extent = self.data.extent();
-        let grid = (card(EffectId::PlayLadder).grid)(&extent);
+        let grid = (card(EffectId::PlayLadder).grid)(&self.extent);
         let Some(&parameters) = grid.first() else { return Starts::default() };
         let nothing = self.nothing();
         let mut net_evidence = |starts: Starts| {
@@ -533,7 +534,7 @@ impl<'a> Search<'a> {
             let mut y = y.into_iter();
             let left = [0, 1, 2].map(|a: usize| Left {
                 noise_model: noise_models[a],
-                baseline: self.axes[a].basis(noise_models[a]),
+                steps: self.axes[a].steps(noise_models[a]),
                 y: y.next().unwrap_or_default(),
             });
             let jumps = proposals::jumps(self.data, &left);
@@ -544,7 +545,7 @@ impl<'a> Search<'a> {
             }
         }
         let rows = self.data.axes.iter().map(|a| a.y.len()).max().unwrap_or(0) as f64;
-        let extent = self.data.extent();
+        let extent = self.extent;
         for c in proposed.into_iter().filter(|c| (card_of(c.facts).possible)(&c.parameters, &extent)) {
             match self.alone(&c) {
                 Some(k) => self.offered[k] = true,

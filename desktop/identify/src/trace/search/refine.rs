@@ -19,8 +19,7 @@ impl Search<'_> {
         if card.refine.is_empty() || self.candidates[state.groups[k]].len() > 1 {
             return state;
         }
-        let extent = self.data.extent();
-        let span = extent.span_c();
+        let span = self.extent.span_c();
         let first_step = |(how, p): (&Move, f32)| match how {
             Move::Factor(share) => *share,
             Move::Cycle => (0.25 * p / span).min(0.16),
@@ -37,7 +36,7 @@ impl Search<'_> {
                     let q = c.parameters[place];
                     let step = sign * step;
                     c.parameters[place] = if how.by_factor() { q * (1.0 + step) } else { q + step };
-                    if !(card.possible)(&c.parameters, &extent) {
+                    if !(card.possible)(&c.parameters, &self.extent) {
                         continue;
                     }
                     let net_evidence = self.trial(&state, k, &[c]);
