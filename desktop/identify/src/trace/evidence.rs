@@ -468,7 +468,7 @@ impl<'d> Axis<'d> {
         y
     }
 
-    /// Squares of a step at each row, free of the baseline ([`free_steps`]).
+    /// Squares of a step at each row, free of the baseline.
     pub fn steps(&self, noise_model: usize) -> &[f64] {
         let v = &self.views[noise_model];
         v.steps.get_or_init(|| free_steps(self.rows, noise_model, &v.base))
