@@ -2,7 +2,7 @@
 
 use crate::recording::steps::Run;
 use hrg_core::effects::parameters::{
-    Arrhenius, Breakpoint, Channel, Cycle, Lag, Parameters, Pulse, Ramp, RampRange, Source, Tau, Taus,
+    Arrhenius, Breakpoint, Channel, Cycle, Lag, Parameters, Pulse, Ramp, RampRange, Rise, Source, Tau, Taus,
     TemperatureRange, Thresholds, Width, Widths,
 };
 use hrg_core::effects::{EffectId, Facts, ALL, MAX_PARAMETERS};
@@ -243,6 +243,16 @@ fn behind_the_case(x: &Extent) -> Vec<ParameterRow> {
     rows([Lag { lag_s: x.lag_s }])
 }
 
+/// The narrowest loop, and the sharpest rise, that a run can tell from none, C.
+fn narrowest(x: &Extent) -> f32 {
+    (0.012 * x.span_c()).max(0.3)
+}
+
+/// Distance of the knots of `temperature-spline`, C: what is sharper than that is none of its curves.
+fn knots_apart(x: &Extent) -> f32 {
+    x.span_c() / (EffectId::TemperatureSpline.facts().outputs - 1) as f32
+}
+
 /// Periods of a ripple, evenly in the number of ripples over the span.
 fn ripples(x: &Extent) -> Vec<ParameterRow> {
     let most = (2.0 * x.span_c() / 3.0) as usize;
@@ -329,6 +339,21 @@ pub fn card(effect: EffectId) -> Card {
             generator: of([-38.0, 60.0]),
             ..Card::of(Shape, Family, "a curve of temperature with more detail than a polynomial follows")
         },
+        E::TemperatureStep => Card {
+            refine: &[Move::Place(0.02), Move::Factor(0.3)],
+            possible: |row, x| {
+                let width_c = Rise::of(row).width_c;
+                width_c >= narrowest(x) && width_c <= 2.0 * knots_apart(x)
+            },
+            repeats: true,
+            grid: |x| {
+                let apart = knots_apart(x);
+                let places = even(x.low_c + apart, x.high_c - apart, 23);
+                rows(places.map(|middle_c| Rise { middle_c, width_c: apart }))
+            },
+            generator: of([15.0, 5.0]),
+            ..Card::of(Shape, Simple, "the bias goes from one level to another over a few degrees")
+        },
         E::Ripple => Card {
             refine: &[Move::Cycle],
             repeats: true,
@@ -400,7 +425,7 @@ pub fn card(effect: EffectId) -> Card {
             )
         },
         E::PlayLadder => Card {
-            grid: |x| rows([Widths { width_min_c: (0.012 * x.span_c()).max(0.3), width_max_c: 0.9 * x.span_c() }]),
+            grid: |x| rows([Widths { width_min_c: narrowest(x), width_max_c: 0.9 * x.span_c() }]),
             generator: of([1.0, 60.0]),
             ..Card::of(Hysteresis, Family, "heating and cooling follow different curves, by loops of many widths")
         },
@@ -412,9 +437,9 @@ pub fn card(effect: EffectId) -> Card {
         },
         E::Relay => Card {
             refine: &[Move::Place(0.04), Move::Place(0.04)],
-            possible: |row, _| {
+            possible: |row, x| {
                 let t = Thresholds::of(row);
-                t.off_c <= t.on_c
+                t.on_c - t.off_c >= narrowest(x)
             },
             repeats: true,
             grid: thresholds,

@@ -497,6 +497,7 @@ effects! {
     rate_saturation::{RateSaturation},
     cooling_heating_held::{CoolingHeatingHeld},
     input_network::{InputNetwork},
+    temperature_step::{TemperatureStep},
 }
 
 impl EffectId {
@@ -620,6 +621,16 @@ mod tests {
     fn kink_bends_where_it_says() {
         assert_eq!(run("kink", 20.0, |_| 19.9, 3), 0.0);
         assert!((run("kink", 20.0, |_| 65.0, 3) - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_temperature_step_has_its_middle_and_its_width() {
+        let at = |t: f32| {
+            let mut e = Running::new(EffectId::TemperatureStep.facts().id, &[20.0, 4.0], 1.0).expect("in the list");
+            step(&mut e, t, 0.0)[0]
+        };
+        assert_eq!([17.9, 20.0, 22.1].map(at), [0.0, 0.5, 1.0]);
+        assert!((at(21.0) - 0.84375).abs() < 1e-6);
     }
 
     #[test]

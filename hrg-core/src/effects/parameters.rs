@@ -92,6 +92,8 @@ parameters! {
     TemperatureRange { low_c: false, "Lower end, C."; high_c: false, "Upper end, C." }
     /// A temperature at which something changes.
     Breakpoint { break_c: false, "Temperature of the change, C." }
+    /// A rise from one level to another.
+    Rise { middle_c: false, "Middle of the rise, C."; width_c: true, "Width of the rise, C." }
     /// A relay.
     Thresholds { on_c: false, "Temperature above which it is on, C."; off_c: false, "Temperature below which it is off, C." }
     /// A period of temperature.

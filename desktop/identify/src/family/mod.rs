@@ -461,7 +461,7 @@ impl Family {
     /// is known.
     fn beginnings<'r>(&self, known: &Begun<'r>, run: usize) -> Vec<Begun<'r>> {
         let Begun { odds, specification, data, unknown_past } = known;
-        let odds = odds + odds::BRANCH;
+        let odds = odds + odds::branch();
         let plays = || specification.terms.iter().flat_map(|t| &t.parts).filter(|c| c.facts.remembers_path);
         let differs = |branch: &usize| plays().any(|c| c.starts.of(Some(run)) != Starts::BRANCHES[*branch]);
         let elsewhere = (0..Starts::BRANCHES.len()).filter(differs).map(|branch| Begun {

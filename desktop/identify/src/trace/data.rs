@@ -541,7 +541,7 @@ impl<'a> Data<'a> {
         };
         let (effect, parameters) = cards::beginning(&extent);
         let beginnings = (0..self.runs.len()).map(|n| Candidate { run: Some(n), ..Candidate::new(effect, parameters) });
-        let in_ramp = self.runs.iter().any(begins_in_ramp);
+        let in_ramp = self.runs.iter().any(|run| begins_in_ramp(run, &self.scaling));
         cards::BUNDLES
             .iter()
             .filter(|b| !b.in_ramp || in_ramp)
@@ -577,13 +577,11 @@ impl<'a> Data<'a> {
     }
 }
 
-/// Ramp above which a run does not begin at rest, C per minute.
-const RAMP_C_PER_MIN: f32 = 0.2;
-
-/// `true` if a run begins in a ramp, by its mean over the first ten minutes.
-pub fn begins_in_ramp(run: &Run) -> bool {
+/// `true` if a run begins in a ramp, by its mean over the first ten minutes: one beyond the whole band over which the baseline goes from its cooling to
+/// its heating set.
+fn begins_in_ramp(run: &Run, scaling: &Scaling) -> bool {
     (0..AXES).any(|a| {
         let ramps: Vec<f32> = (0..run.steps.len().min(600)).filter_map(|k| run.state(k, a)).map(|s| s.1).collect();
-        ramps.iter().sum::<f32>().abs() > RAMP_C_PER_MIN * ramps.len() as f32
+        ramps.iter().sum::<f32>().abs() > 2.0 * scaling.blend_band_c_per_min * ramps.len() as f32
     })
 }

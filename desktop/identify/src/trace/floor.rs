@@ -14,11 +14,11 @@ use serde::Serialize;
 /// Means in a period of the fastest change that is taken for a nuisance: 20 minutes.
 const PERIOD_MEANS: usize = 12;
 /// Means of a piece of a run that has its own nuisances.
-const PIECE: usize = 120;
+pub(super) const PIECE: usize = 120;
 /// Fewest means of a piece.
 const LEAST: usize = 20;
-/// Deviations beyond which a value is a jump and not noise.
-const JUMP: f64 = 3.5;
+/// Deviations beyond which a value is a jump and not noise: one value of a piece lies beyond them by chance at the [level](super::odds::LEVEL) of a test.
+pub(super) const JUMP: f64 = 3.53;
 /// Deviations of a normal distribution that hold 95 %.
 const TWO_SIDED: f64 = 1.96;
 
@@ -180,7 +180,7 @@ impl Noise {
         let mut each: Vec<(f64, Under)> = NOISE_MODELS
             .iter()
             .enumerate()
-            .filter(|(_, noise)| !noise.is_misfit())
+            .filter(|(_, noise)| !noise.is_misfit(n))
             .map(|(noise_model, noise)| {
                 let fast = Fast::new(noise_model, &all);
                 let innovation = fast.innovation();

@@ -18,7 +18,7 @@ use hrg_data::numeric::stats::{dot, log_sum};
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
-/// Deviations beyond which a fall is none of chance: 95 %, two-sided, for three axes together.
+/// Deviations beyond which a fall is none of chance: two-sided, for three axes together, at the [level](super::odds::LEVEL) of a test.
 pub const DEVIATIONS: f64 = 2.39;
 
 /// A model's answer to a run, one axis, against another model's.

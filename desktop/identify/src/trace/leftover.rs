@@ -9,6 +9,7 @@ use super::evidence::{Axis, Extension};
 use super::model::Fitted;
 use super::noise::NOISE_MODELS;
 use super::odds::THRESHOLD;
+use super::regression::Under;
 use super::search::{Model, Search, MOST};
 use hrg_core::effects::EffectId;
 use hrg_core::AXES;
@@ -65,10 +66,12 @@ pub fn on_verify(data: &Data<'_>, left: &[Vec<f64>; AXES]) -> [Vec<String>; AXES
 }
 
 /// Swings within a run that no noise of a gyro has, by the weights of the noise models after a fit.
-pub fn swings(fitted: &Fitted) -> [Option<String>; AXES] {
+pub fn swings(data: &Data<'_>, fitted: &Fitted) -> [Option<String>; AXES] {
     [0, 1, 2].map(|a: usize| {
         let each = &fitted.axes[a].posterior.as_ref()?.each;
-        let misfit: f64 = each.iter().filter(|u| NOISE_MODELS[u.noise_model].is_misfit()).map(|u| u.weight).sum();
+        let blocks = data.axes[a].y.len() / data.runs.len();
+        let is_misfit = |u: &&Under| NOISE_MODELS[u.noise_model].is_misfit(blocks);
+        let misfit: f64 = each.iter().filter(is_misfit).map(|u| u.weight).sum();
         let odds = (misfit / (1.0 - misfit).max(1e-12)).ln();
         (odds > THRESHOLD).then(|| "in time (it swings over tens of minutes as no noise of a gyro does)".into())
     })

@@ -400,7 +400,7 @@ fn structure(
     let mut left = leftover::judge(data, search, &learnt.model);
     let on_verify = leftover::on_verify(&verify.data, &fitted.left(&verify.data, known));
     left.iter_mut().zip(on_verify).for_each(|(left, more)| left.extend(more));
-    left.iter_mut().zip(leftover::swings(fitted)).for_each(|(left, more)| left.extend(more));
+    left.iter_mut().zip(leftover::swings(data, fitted)).for_each(|(left, more)| left.extend(more));
     let floor_ratio = by_axis(|a| {
         let (more, _) = fitted.predicted_variance(verify.run, &data.scaling, a, known);
         verify.noise[a].ratio(verify.means(&verify.happened.left[a]).deviation(), more)

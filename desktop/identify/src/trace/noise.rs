@@ -41,11 +41,6 @@ pub const NOISE_MODELS: [NoiseModel; 13] = [
     NoiseModel { phi: 0.9995, theta: 0.72981, slow: 100.0 },
 ];
 
-/// Slow part from which on a noise model stands for a misfit, where its memory is a part of a run: no gyro has such noise.
-const MISFIT: f64 = 10.0;
-/// Autoregressive coefficient of the longest memory that is a part of a run.
-const WITHIN_A_RUN: f64 = 0.99;
-
 /// White noise whose deviation changes with temperature: its logarithm along the temperatures of the train runs. Beyond them it stays as it is at
 /// their ends.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -94,9 +89,10 @@ impl NoiseModel {
         (odds(self) / NOISE_MODELS.iter().map(odds).sum::<f64>()).ln()
     }
 
-    /// `true` if it stands for what a model lacks, and not for the noise of a gyro.
-    pub fn is_misfit(&self) -> bool {
-        self.slow >= MISFIT && self.phi <= WITHIN_A_RUN
+    /// `true` if it stands for what a model lacks, and not for the noise of a gyro: its slow part is larger than the white one, and forgets within a
+    /// run of so many blocks.
+    pub fn is_misfit(&self, blocks: usize) -> bool {
+        self.slow > 1.0 && -self.phi.ln().recip() < blocks as f64
     }
 
     /// Variance of the whitened noise of a long run over that of the white part.
@@ -135,7 +131,7 @@ struct Unknown {
 }
 
 /// Variance of the size of a column of which nothing is known ([`Filters::beside`]), over that of the white part of a row.
-const UNKNOWN: f64 = 1e4;
+pub(super) const UNKNOWN: f64 = 1e4;
 
 impl Filters {
     /// Of rows with a relative deviation of the white part; `starts` are the rows at which a run begins.

@@ -1,12 +1,18 @@
 //! Prior odds of an effect, and the odds from which on it is named. All are logarithms; each row is one line of the table in
 //! `docs/trace.md`.
 
+use super::data::Starts;
 use hrg_data::cards::{Card, Class, Kind};
 
 /// Log posterior odds from which on a claim is made: 99 to 1, so that one in a hundred is wrong if the odds are what they say.
 /// `hrg-study threshold` measures how often the whole first step of the search (proposals of events and refined parameters included)
 /// passes it on noise alone.
 pub const THRESHOLD: f64 = 4.6;
+
+/// Probability by which chance may pass a test that is made once: of a unit with three axes, of a piece of a run. The numbers of deviations of the judge
+/// ([`super::judge::DEVIATIONS`]) and of a jump ([`super::floor::JUMP`]) are its quantiles, and what is left of an unknown state after
+/// [the time constants that are left out](super::run_in) is this share.
+pub const LEVEL: f64 = 0.05;
 
 /// An effect is there at all.
 pub const EFFECT: f64 = -3.0;
@@ -36,10 +42,28 @@ pub fn log_prior(card: &Card, tries: f64, model: &[Class]) -> f64 {
     sum
 }
 
-/// A run begins on a branch of a play, and not in its middle.
-pub const BRANCH: f64 = -2.0;
+/// A run begins at one of the three places of a play ([`Starts::BRANCHES`]) and not at another.
+pub fn branch() -> f64 {
+    -(Starts::BRANCHES.len() as f64).ln()
+}
 
 /// Probability that an effect of a score is not there: the odds as a chance.
 pub fn p_value(score: f64) -> f64 {
     1.0 / (1.0 + score.exp())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::trace::{floor, judge};
+    use statrs::distribution::{ContinuousCDF, Normal};
+
+    #[test]
+    fn quantiles_are_those_of_the_level() {
+        let normal = Normal::new(0.0, 1.0).expect("possible");
+        let of = |tests: f64| normal.inverse_cdf(1.0 - LEVEL / tests / 2.0);
+        assert!((judge::DEVIATIONS - of(3.0)).abs() < 5e-3);
+        assert!((floor::JUMP - of(floor::PIECE as f64)).abs() < 5e-3);
+        assert!((THRESHOLD - 99f64.ln()).abs() < 0.01);
+    }
 }

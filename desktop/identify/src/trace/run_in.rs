@@ -1,32 +1,24 @@
 //! Unknown start states. A unit that is switched on warm, or a log that begins in a ramp, begins with lags in a state that the recording
-//! does not tell. If the rates show a memory, its first three time constants of such a run are left out of fit and judgement: by then a
+//! does not tell. If the rates show a memory, its beginning of such a run is left out of fit and judgement, until a
 //! twentieth of that state is left.
 
 use super::data::{AxisRows, Candidate, Data};
 use super::model::Fitted;
-use super::noise::Filters;
-use super::odds::THRESHOLD;
+use super::noise::{Filters, UNKNOWN};
+use super::odds::{LEVEL, THRESHOLD};
 use super::regression::posterior;
 use super::search::{Model, Search};
 use hrg_core::calibration::{Calibration, EffectTerm};
 use hrg_core::effects::{self, span, EffectId, Facts, Span};
+use hrg_core::visited::TEMPERATURES;
 use hrg_core::AXES;
 use hrg_data::cards::{card, Class, ParameterRow};
 use hrg_data::recording::steps::{Run, Steps};
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 
-/// Time constants that are left out.
-const TIME_CONSTANTS: f64 = 3.0;
 /// Largest share of a run that is left out: a slow memory would leave nothing to learn it from.
 const MOST: f64 = 0.25;
-/// Share of its cells of temperature and direction that a train run must keep.
-const LEAST_PASSED: f64 = 0.9;
-/// Width of a cell of temperature, C.
-const CELL_C: f32 = 5.0;
-
-/// Variance of an unknown state before the data are seen, over that of the noise of a block: ten of its deviations.
-const WIDE: f64 = 100.0;
 
 /// The memory that a model has, by its longest time constant.
 #[derive(Debug, Clone, Copy)]
@@ -75,7 +67,7 @@ impl Memory {
         };
         let constant = vec![1.0; to - from];
         let column = self.decay_of_run(data, number, a)[from..to].to_vec();
-        let with = posterior(&of_run, &[constant.clone(), column], &[None, Some(WIDE)]);
+        let with = posterior(&of_run, &[constant.clone(), column], &[None, Some(UNKNOWN)]);
         let without = posterior(&of_run, &[constant], &[None]);
         with.zip(without).map_or(0.0, |(w, o)| w.evidence - o.evidence)
     }
@@ -85,8 +77,7 @@ impl Memory {
     pub(super) fn leave_out(self, run: &mut Run, what: &str, learnt: bool) -> String {
         let seconds = remembered_s(self.tau_s, run.steps.len());
         if learnt {
-            let (all, later) = (passed(run, 0), passed(run, seconds));
-            if (later.len() as f64) < LEAST_PASSED * all.len() as f64 {
+            if passed(run, 0) != passed(run, seconds) {
                 return format!(
                     "{what} begins in a state of {} (time constant {:.0} s) that it does not tell; its beginning is kept, as nothing later passes those temperatures in that direction: record a run that begins with a soak",
                     self.name, self.tau_s
@@ -110,9 +101,9 @@ fn memory_s(facts: &Facts, parameters: &ParameterRow) -> Option<f64> {
     }
 }
 
-/// Seconds of so many for which a memory of a time constant keeps what a recording does not tell.
+/// Seconds of so many for which a memory of a time constant keeps what a recording does not tell: more than a share of [`LEVEL`] of it.
 fn remembered_s(tau_s: f64, of: usize) -> usize {
-    (TIME_CONSTANTS * tau_s).min(MOST * of as f64) as usize
+    (-LEVEL.ln() * tau_s).min(MOST * of as f64) as usize
 }
 
 /// A run that judges, without the rates behind its gaps for as long as a model remembers: its error there is not known.
@@ -132,11 +123,16 @@ pub fn leave_out_behind_gaps(image: &Calibration, steps: &mut Steps) {
     }
 }
 
-/// Temperatures that the axes of a run pass from a step on, in cells of 5 C, by the sign of the ramp.
-fn passed(run: &Run, from: usize) -> BTreeSet<(usize, i32, bool)> {
+/// Eighths of the temperature range of a run that each axis passes from a step on, by the sign of the ramp: those of the image's
+/// [map](hrg_core::visited).
+fn passed(run: &Run, from: usize) -> BTreeSet<(usize, usize, bool)> {
     let of = |a: usize| {
-        (from..run.steps.len())
-            .filter_map(move |k| run.state(k, a).map(|s| (a, (s.0 / CELL_C).floor() as i32, s.1 > 0.0)))
+        let states = |from: usize| (from..run.steps.len()).filter_map(move |k| run.state(k, a));
+        let temperatures: Vec<f32> = states(0).map(|s| s.0).collect();
+        let low_c = temperatures.iter().copied().fold(f32::INFINITY, f32::min);
+        let high_c = temperatures.into_iter().fold(f32::NEG_INFINITY, f32::max);
+        let eighth = move |t: f32| ((t - low_c) / (high_c - low_c) * TEMPERATURES as f32) as usize;
+        states(from).map(move |s| (a, eighth(s.0).min(TEMPERATURES - 1), s.1 > 0.0))
     };
     run.steps.present().flat_map(of).collect()
 }

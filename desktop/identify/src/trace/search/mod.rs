@@ -181,7 +181,7 @@ impl<'a> Search<'a> {
             all.iter().find(|e| e.1 == group).map_or(f64::NEG_INFINITY, |e| e.0)
         };
         let middle = Starts::all(runs, 0);
-        let mut best = (net_evidence(middle) - odds::BRANCH, middle);
+        let mut best = (net_evidence(middle) - odds::branch(), middle);
         for branch in 1..Starts::BRANCHES.len() {
             let starts = Starts::all(runs, branch);
             let w = net_evidence(starts);
@@ -530,8 +530,12 @@ impl<'a> Search<'a> {
         let mut noise_models: Vec<[usize; AXES]> = vec![[0, 1, 2].map(|a: usize| state.axes[a].noise_model)];
         noise_models.extend([0, 6].map(|s| [s; AXES]));
         for (k, noise_models) in noise_models.iter().enumerate() {
-            let y = [0, 1, 2].map(|a: usize| self.axes[a].left(noise_models[a], &state.axes[a].shares));
-            let mut y = y.into_iter();
+            // (An axis that is not searched proposes nothing.)
+            let left = |a: usize| {
+                let searched = self.active[a];
+                searched.then(|| self.axes[a].left(noise_models[a], &state.axes[a].shares)).unwrap_or_default()
+            };
+            let mut y = [left(0), left(1), left(2)].into_iter();
             let left = [0, 1, 2].map(|a: usize| Left {
                 noise_model: noise_models[a],
                 steps: self.axes[a].steps(noise_models[a]),

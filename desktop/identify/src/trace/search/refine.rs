@@ -58,7 +58,7 @@ impl Search<'_> {
         if !parts[0].facts.remembers_path {
             return state;
         }
-        let mut best = (self.trial(&state, k, &parts) - odds::BRANCH, parts.clone());
+        let mut best = (self.trial(&state, k, &parts) - odds::branch(), parts.clone());
         let (runs, alike) = (self.data.runs.len(), self.data.alike);
         for run in 0..if alike { 1 } else { runs.min(MOST_STARTS) } {
             for branch in 0..Starts::BRANCHES.len() {
