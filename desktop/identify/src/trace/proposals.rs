@@ -3,7 +3,7 @@
 
 use super::data::{AxisRows, Candidate, Data};
 use super::noise::Basis;
-use hrg_core::effects::parameters::{Moment, Parameters, Period, Pulse};
+use hrg_core::effects::parameters::{Moment, Parameters, Period, Pulse, Thresholds};
 use hrg_core::effects::EffectId;
 use hrg_core::AXES;
 use hrg_data::numeric::stats::dot;
@@ -86,6 +86,41 @@ pub fn shocks(steps: &[Candidate]) -> Vec<Candidate> {
         RECOVERIES_S.map(|tau_s| Candidate { run, ..Candidate::new(EffectId::Shock, Pulse { time_s, tau_s }.row()) })
     };
     steps.iter().flat_map(at).collect()
+}
+
+/// Relays that go on at the temperature of a jump while heating, and off at that of a jump while cooling.
+pub fn relays(data: &Data<'_>, jumps: &[Candidate], left: &[Left<'_>; AXES]) -> Vec<Candidate> {
+    let Some(a) = left.iter().position(|v| !v.y.is_empty()) else { return vec![] };
+    let at = |jump: &Candidate| {
+        let run = &data.runs[jump.run?];
+        let time_s = Moment::of(&jump.parameters).time_s;
+        run.state(run.thermal.partition_point(|t| t.time_s < time_s), a)
+    };
+    let states: Vec<(f32, f32)> = jumps.iter().filter_map(at).collect();
+    let relay = |on_c: f32, off_c: f32| Candidate::new(EffectId::Relay, Thresholds { on_c, off_c }.row());
+    let heating = states.iter().filter(|s| s.1 > 0.0);
+    let cooling = || states.iter().filter(|s| s.1 < 0.0);
+    let all = heating.flat_map(|on| cooling().map(move |off| (on.0, off.0)));
+    all.filter(|(on_c, off_c)| switches_again(data, *on_c, *off_c, a)).map(|(on_c, off_c)| relay(on_c, off_c)).collect()
+}
+
+/// `true` if the runs show a relay switch twice the same way: one that switched once each way may be two events.
+fn switches_again(data: &Data<'_>, on_c: f32, off_c: f32, a: usize) -> bool {
+    let mut switched = [0, 0];
+    for run in data.runs {
+        let mut is_on = None;
+        for k in (0..run.steps.len()).step_by(data.coarse_s) {
+            let Some((t, _)) = run.state(k, a) else { continue };
+            let now = if t > on_c { Some(true) } else if t < off_c { Some(false) } else { is_on };
+            if let (Some(before), Some(now)) = (is_on, now) {
+                if before != now {
+                    switched[usize::from(now)] += 1;
+                }
+            }
+            is_on = now;
+        }
+    }
+    switched.iter().any(|n| *n > 1)
 }
 
 /// Times at which the rates seem to jump: every block boundary is tried as a step, and the best are kept. (A step that is placed

@@ -125,6 +125,10 @@ pub struct Search<'a> {
     tries: Vec<f64>,
     /// `true` for those that are tried as extensions: the library, and what the data propose in this step. What a refinement made is not.
     offered: Vec<bool>,
+    /// Those that the data propose in this step.
+    proposed: Vec<usize>,
+    /// Where the plays begin, as far as the rates tell.
+    begin: Starts,
     /// Axes that are searched.
     active: [bool; AXES],
     /// Set to search among effects that a unit can compute, and events.
@@ -150,11 +154,14 @@ impl<'a> Search<'a> {
             candidates: vec![vec![]],
             tries: vec![1.0],
             offered: vec![false],
+            proposed: vec![],
+            begin: Starts::default(),
             active: [true; AXES],
             unit_only: false,
             no_families: false,
         };
         let starts = s.starts();
+        s.begin = starts;
         let offered = |c: &Candidate| !barred.contains(&c.facts.effect);
         for (c, tries) in data.library(starts) {
             if offered(&c) && s.alone(&c).is_none() {
@@ -523,8 +530,8 @@ impl<'a> Search<'a> {
     /// Adds what the residual of a model proposes.
     fn propose(&mut self, state: &State) {
         // (What another model's residual proposed is stale.)
-        for k in RAMP + 1..self.candidates.len() {
-            self.offered[k] &= self.card(k).kind != Kind::Proposed;
+        for k in std::mem::take(&mut self.proposed) {
+            self.offered[k] = false;
         }
         let mut proposed = Vec::new();
         let mut noise_models: Vec<[usize; AXES]> = vec![[0, 1, 2].map(|a: usize| state.axes[a].noise_model)];
@@ -543,6 +550,8 @@ impl<'a> Search<'a> {
             });
             let jumps = proposals::jumps(self.data, &left);
             proposed.extend(proposals::shocks(&jumps));
+            let relays = proposals::relays(self.data, &jumps, &left);
+            proposed.extend(relays.into_iter().map(|c| c.starting(self.begin)));
             proposed.extend(jumps);
             if k < 2 {
                 proposed.extend(proposals::periods(self.data, &left));
@@ -551,13 +560,23 @@ impl<'a> Search<'a> {
         let rows = self.data.axes.iter().map(|a| a.y.len()).max().unwrap_or(0) as f64;
         let extent = self.extent;
         for c in proposed.into_iter().filter(|c| (card_of(c.facts).possible)(&c.parameters, &extent)) {
-            match self.alone(&c) {
-                Some(k) => self.offered[k] = true,
-                None => {
-                    let shapes = if c.facts.effect == EffectId::Shock { proposals::RECOVERIES_S.len() } else { 1 };
-                    self.push(vec![c], shapes as f64 * rows / 3.0);
+            let k = match self.alone(&c) {
+                Some(k) if self.offered[k] => continue,
+                Some(k) => {
+                    self.offered[k] = true;
+                    k
                 }
-            }
+                None => {
+                    let moment = rows / 3.0;
+                    let tries = match c.facts.effect {
+                        EffectId::Shock => moment * proposals::RECOVERIES_S.len() as f64,
+                        EffectId::Relay => moment * moment,
+                        _ => moment,
+                    };
+                    self.push(vec![c], tries)
+                }
+            };
+            self.proposed.push(k);
         }
     }
 
