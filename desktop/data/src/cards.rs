@@ -77,6 +77,8 @@ pub struct Extent {
     pub lag_s: f32,
     /// Number of runs.
     pub runs: usize,
+    /// Set if the runs pass the middle half of the temperatures at least twice the same way, heating or cooling.
+    pub path_repeats: bool,
 }
 
 impl Extent {
@@ -241,6 +243,10 @@ fn temperatures(x: &Extent) -> Vec<ParameterRow> {
 
 fn behind_the_case(x: &Extent) -> Vec<ParameterRow> {
     rows([Lag { lag_s: x.lag_s }])
+}
+
+fn plays(x: &Extent) -> Vec<ParameterRow> {
+    rows([Widths { width_min_c: narrowest(x), width_max_c: 0.9 * x.span_c() }])
 }
 
 /// The narrowest loop, and the sharpest rise, that a run can tell from none, C.
@@ -425,9 +431,14 @@ pub fn card(effect: EffectId) -> Card {
             )
         },
         E::PlayLadder => Card {
-            grid: |x| rows([Widths { width_min_c: narrowest(x), width_max_c: 0.9 * x.span_c() }]),
+            grid: plays,
             generator: of([1.0, 60.0]),
             ..Card::of(Hysteresis, Family, "heating and cooling follow different curves, by loops of many widths")
+        },
+        E::PlayLadderByTemperature => Card {
+            grid: |x| if x.path_repeats { plays(x) } else { vec![] },
+            generator: of([1.0, 60.0]),
+            ..Card::of(Hysteresis, Family, "loops of many widths whose size changes with temperature")
         },
         E::PlayCurve => Card {
             repeats: true,
@@ -639,6 +650,7 @@ pub struct Bundle {
 pub const BUNDLES: &[Bundle] = &[
     Bundle { families: &[EffectId::PlayCurve], in_ramp: false },
     Bundle { families: &[EffectId::PlayCurve, EffectId::TemperatureSpline], in_ramp: false },
+    Bundle { families: &[EffectId::PlayLadder, EffectId::PlayLadderByTemperature], in_ramp: false },
     Bundle { families: &[EffectId::LagLadder, EffectId::LagLadderByTemperature], in_ramp: false },
     Bundle { families: &[EffectId::LagLadder], in_ramp: true },
     Bundle { families: &[EffectId::RateCurve, EffectId::RateCurveByTemperature], in_ramp: false },

@@ -498,6 +498,7 @@ effects! {
     cooling_heating_held::{CoolingHeatingHeld},
     input_network::{InputNetwork},
     temperature_step::{TemperatureStep},
+    play_ladder_by_temperature::{PlayLadderByTemperature},
 }
 
 impl EffectId {

@@ -7,7 +7,8 @@ use super::parameters::Widths;
 use super::{Effect, Inputs, Reach, Span};
 use crate::bias::clamp;
 
-const RUNGS: usize = 10;
+/// Number of plays.
+pub const RUNGS: usize = 10;
 
 /// Outputs of plays, less temperature; C.
 #[derive(Debug, Clone)]

@@ -489,9 +489,26 @@ impl<'a> Data<'a> {
         self.runs.iter().map(|r| r.steps.len()).max().unwrap_or(0) as f32
     }
 
+    /// `true` if the runs show a relay on an axis switch twice the same way: what switched once each way may be two events.
+    pub fn switches_again(&self, on_c: f32, off_c: f32, a: usize) -> bool {
+        let mut switched = [0, 0];
+        for run in self.runs {
+            let mut is_on = None;
+            for (t, _) in (0..run.steps.len()).step_by(self.coarse_s).filter_map(|k| run.state(k, a)) {
+                let now = (t > on_c || t < off_c).then_some(t > on_c).or(is_on);
+                if let (Some(before), Some(now)) = (is_on, now) {
+                    switched[usize::from(now)] += usize::from(before != now);
+                }
+                is_on = now;
+            }
+        }
+        switched.iter().any(|n| *n > 1)
+    }
+
     /// Span of the runs: temperatures, ramps, duration.
     pub fn extent(&self) -> Extent {
         let (low_c, high_c) = self.temperature_range();
+        let quarter_c = 0.25 * (high_c - low_c);
         let ramps = self.runs.iter().flat_map(|r| (0..AXES).map(move |a| r.ramp_range(a)));
         Extent {
             low_c,
@@ -500,6 +517,7 @@ impl<'a> Data<'a> {
             longest_s: self.longest_s(),
             lag_s: self.lag_s,
             runs: self.runs.len(),
+            path_repeats: (0..AXES).any(|a| self.switches_again(high_c - quarter_c, low_c + quarter_c, a)),
         }
     }
 
@@ -545,9 +563,12 @@ impl<'a> Data<'a> {
         cards::BUNDLES
             .iter()
             .filter(|b| !b.in_ramp || in_ramp)
-            .map(|b| {
-                let families = b.families.iter().flat_map(|e| parts(*e));
-                families.chain(beginnings.clone().filter(|_| b.in_ramp)).collect()
+            .filter_map(|b| {
+                // (A family that these runs cannot show is not offered, nor is what it belongs to.)
+                let families: Vec<_> = b.families.iter().map(|e| parts(*e)).collect();
+                let all = families.iter().all(|f| !f.is_empty());
+                let families = families.into_iter().flatten();
+                all.then(|| families.chain(beginnings.clone().filter(|_| b.in_ramp)).collect())
             })
             .collect()
     }

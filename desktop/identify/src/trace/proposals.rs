@@ -101,26 +101,7 @@ pub fn relays(data: &Data<'_>, jumps: &[Candidate], left: &[Left<'_>; AXES]) -> 
     let heating = states.iter().filter(|s| s.1 > 0.0);
     let cooling = || states.iter().filter(|s| s.1 < 0.0);
     let all = heating.flat_map(|on| cooling().map(move |off| (on.0, off.0)));
-    all.filter(|(on_c, off_c)| switches_again(data, *on_c, *off_c, a)).map(|(on_c, off_c)| relay(on_c, off_c)).collect()
-}
-
-/// `true` if the runs show a relay switch twice the same way: one that switched once each way may be two events.
-fn switches_again(data: &Data<'_>, on_c: f32, off_c: f32, a: usize) -> bool {
-    let mut switched = [0, 0];
-    for run in data.runs {
-        let mut is_on = None;
-        for k in (0..run.steps.len()).step_by(data.coarse_s) {
-            let Some((t, _)) = run.state(k, a) else { continue };
-            let now = if t > on_c { Some(true) } else if t < off_c { Some(false) } else { is_on };
-            if let (Some(before), Some(now)) = (is_on, now) {
-                if before != now {
-                    switched[usize::from(now)] += 1;
-                }
-            }
-            is_on = now;
-        }
-    }
-    switched.iter().any(|n| *n > 1)
+    all.filter(|(on_c, off_c)| data.switches_again(*on_c, *off_c, a)).map(|(on_c, off_c)| relay(on_c, off_c)).collect()
 }
 
 /// Times at which the rates seem to jump: every block boundary is tried as a step, and the best are kept. (A step that is placed
