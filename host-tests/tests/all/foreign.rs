@@ -57,3 +57,14 @@ fn a_run_that_begins_on_another_branch_is_judged_as_a_unit_that_does_not_know_it
     assert!(after < 0.6 * before, "{before} {after}");
     println!("state-other-branch: {before:.3} -> {after:.3} deg/h, {:.2} floors", left(&made, &report));
 }
+
+#[test]
+fn contacts_that_switch_again_are_relays_and_not_events() {
+    // Two contacts with thresholds of their own, which the train run passes more than once: named, and left to the unit to compensate.
+    let (made, report) = traced("hysteresis-two-thresholds");
+    let relays = report.effects.iter().filter(|e| e.name == "relay").count();
+    assert!(relays >= 2 && report.burn, "{}", report.verdict);
+    let left = left(&made, &report);
+    assert!(left < 1.5, "{left}");
+    println!("hysteresis-two-thresholds: {relays} relays, {left:.2} floors");
+}
