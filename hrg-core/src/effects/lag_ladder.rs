@@ -42,7 +42,8 @@ impl Effect for LagLadder {
         Span::Time(p.tau_max_s)
     }
 
-    #[inline]
+    // (Two effects step it, and each would hold a copy.)
+    #[inline(never)]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; RUNGS] {
         let t = inputs.own_c();
         if self.state_c[0].is_nan() {

@@ -43,7 +43,8 @@ impl Effect for PlayLadder {
         Span::Range(p.width_max_c)
     }
 
-    #[inline]
+    // (Two effects step it, and each would hold a copy.)
+    #[inline(never)]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; RUNGS] {
         let t = inputs.own_c();
         if self.state_c[0].is_nan() {
