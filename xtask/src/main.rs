@@ -52,7 +52,7 @@ const USAGE: &str = "cargo xtask COMMAND
   methods [ARGS]    every identification method on simulated units of three kinds and of the second plant, costs counted, and flown (40 min; --units 5 --seeds 1 --fly none: 10)
   study [ARGS]      the seeded campaign behind docs/trace.md
   study --controls [N] the trace on N clean units (default 600), a third with the spectra of measured residuals, into docs/controls.md
-  study --foreign [N]  the trace on the second plant, seeds 1 to N (default 1), graded into docs/foreign.md
+  study --foreign [N [FIRST]]  the trace on the second plant, N seeds (default 1) from FIRST (default 1) on, graded into docs/foreign.md
   study --inputs [N]   units of the second plant whose bias follows drive and quadrature, seeds 1 to N (default 4): with their inputs and
                     without, on a run that judges, and through the ELF, into docs/inputs.md (9 min)
   study --family [N]   N new units of designs of the second plant (default 40), a short run under a family of 30 against a long one without, into
@@ -320,15 +320,25 @@ fn page_of(arguments: &[String], command: &str, of_traces: bool) -> Result<(), F
 
 /// The trace on the units of the second plant, graded by their truths.
 fn foreign(arguments: &[String]) -> Result<(), Failure> {
-    let seeds = arguments.first().map_or("1", String::as_str);
+    let number = |k: usize| arguments.get(k).map_or(Ok(1), |n| n.parse::<u64>());
+    let (Ok(seeds), Ok(first)) = (number(0), number(1)) else {
+        return Err(Failure("study --foreign: give the number of seeds, and the first of them".into()));
+    };
     let plant = foreign_plant()?;
     let folder = root().join("out/foreign");
-    run(Command::new(&plant).args(["all", "--seeds", seeds, "--out"]).arg(&folder))?;
+    // (Units of other seeds, from before, are not graded.)
+    if folder.exists() {
+        std::fs::remove_dir_all(&folder).map_err(|e| Failure(format!("cannot empty {}: {e}", folder.display())))?;
+    }
+    let (how_many, from) = (seeds.to_string(), first.to_string());
+    run(Command::new(&plant).args(["all", "--seeds", &how_many, "--first", &from, "--out"]).arg(&folder))?;
+    let last = first + seeds - 1;
+    let words = format!("cargo xtask study --foreign {seeds} {first}");
     let heading = format!(
-        "# The trace on foreign physics\n\nSimulated by `host-tests/foreign-plant`, which shares no code with the effects nor with `hrg simulate`; seeds 1 to {seeds}. Printed by\n`cargo xtask study --foreign {seeds}`. Floors are those of the truth; what is left is the written image's on the verify run."
+        "# The trace on foreign physics\n\nSimulated by `host-tests/foreign-plant`, which shares no code with the effects nor with `hrg simulate`; seeds {first} to {last}. Printed by\n`{words}`. Floors are those of the truth; what is left is the written image's on the verify run."
     );
     grade(&plant, &folder, Path::new("docs/foreign.md"), &heading, None)?;
-    printed::stamp(&["docs/foreign.md"], &format!("cargo xtask study --foreign {seeds}"), true)
+    printed::stamp(&["docs/foreign.md"], &words, true)
 }
 
 /// Cases of the second plant whose voltages are made of losses and stiffness.

@@ -294,13 +294,44 @@ fn upper(hits: usize, of: usize) -> f64 {
     high
 }
 
-/// The table of a campaign, in Markdown.
+/// The table of a campaign, in Markdown. Where it has several seeds of several units each, the figures of each seed stand beside those of all.
 #[must_use]
 pub fn table(all: &[Graded]) -> String {
+    let mut seeds: Vec<&str> = all.iter().map(|g| seed_of(&g.name)).collect();
+    seeds.sort_by_key(|s| (s.len(), *s));
+    seeds.dedup();
+    if seeds.len() < 2 || 2 * seeds.len() > all.len() {
+        seeds.clear();
+    }
+    let of_seed = |seed: &&str| -> Vec<(String, String)> {
+        let own: Vec<Graded> = all.iter().filter(|g| seed_of(&g.name) == *seed).cloned().collect();
+        figures(&own, false)
+    };
+    let each: Vec<_> = seeds.iter().map(of_seed).collect();
+    let heads: String = seeds.iter().map(|s| format!(" seed {s} |")).collect();
+    let mut s = format!("| figure | reached |{heads}\n|---|---|{}\n", "---|".repeat(seeds.len()));
+    for (name, value) in figures(all, true) {
+        let value_of = |of: &Vec<(String, String)>| of.iter().find(|f| f.0 == name).map_or("", |f| &f.1).to_string();
+        let each: String = each.iter().map(|of| format!(" {} |", value_of(of))).collect();
+        s += &format!("| {name} | {value} |{each}\n");
+    }
+    s
+}
+
+/// The seed in the name of a unit: what follows its last hyphen.
+fn seed_of(name: &str) -> &str {
+    name.rsplit_once('-').map_or(name, |n| n.1)
+}
+
+/// The figures of a campaign by name; shares with their `intervals`, or as a percentage alone.
+fn figures(all: &[Graded], intervals: bool) -> Vec<(String, String)> {
     let judged: Vec<&Graded> = all.iter().filter(|g| g.grade != Grade::Refused).collect();
     let count = |grade: Grade| judged.iter().filter(|g| g.grade == grade).count();
     let n = judged.len();
     let share_of = |hits: usize, n: usize| {
+        if !intervals {
+            return format!("{:.1} %", 100.0 * hits as f64 / n.max(1) as f64);
+        }
         format!(
             "{hits}/{n} ({:.1} %, 95 % interval {:.1} to {:.1} %)",
             100.0 * hits as f64 / n.max(1) as f64,
@@ -317,8 +348,8 @@ pub fn table(all: &[Graded]) -> String {
         .collect();
     left.sort_by(f64::total_cmp);
     let quantile = |q: f64| left.get((q * left.len().saturating_sub(1) as f64) as usize).copied().unwrap_or(f64::NAN);
-    let mut s = String::from("| figure | reached |\n|---|---|\n");
-    let mut row = |name: &str, value: String| s += &format!("| {name} | {value} |\n");
+    let mut rows = Vec::new();
+    let mut row = |name: &str, value: String| rows.push((name.to_string(), value));
     row("units judged, refused", format!("{n}, {}", all.len() - n));
     row("class right", share(count(Grade::Right)));
     row("class right, or honestly flagged", share(count(Grade::Right) + count(Grade::Flagged)));
@@ -350,7 +381,7 @@ pub fn table(all: &[Graded]) -> String {
         row("units with a measured spectrum: something named", of(&|g| !g.named.is_empty()));
         row("units with a measured spectrum: image recommended", of(&|g| g.burn));
     }
-    s
+    rows
 }
 
 /// The rows of the third runs.

@@ -52,9 +52,12 @@ enum Command {
         #[arg(long)]
         out: PathBuf,
     },
-    /// Write every case under seeds 1 to N.
+    /// Write every case under N seeds.
     #[command(after_help = "Example: foreign-plant all --seeds 3 --out /tmp/foreign")]
     All {
+        /// First seed.
+        #[arg(long, default_value_t = 1)]
+        first: u64,
         /// Number of seeds.
         #[arg(long, default_value_t = 3)]
         seeds: u64,
@@ -148,8 +151,8 @@ impl Command {
                 let jobs: Vec<_> = (seed..seed + units).map(|unit| (case.clone(), Seed { unit, design })).collect();
                 write_all(&jobs, &out)?;
             }
-            Self::All { seeds, out } => write_all(&jobs(seeds, ""), &out)?,
-            Self::Reach { seeds, only } => reach(&jobs(seeds, &only)),
+            Self::All { first, seeds, out } => write_all(&jobs(first..first + seeds, ""), &out)?,
+            Self::Reach { seeds, only } => reach(&jobs(1..seeds + 1, &only)),
             Self::Grade { hrg, folder, page, units, heading } => {
                 let all = foreign_plant::grade::folder(&hrg, &folder)?;
                 let rows = foreign_plant::grade::units(&all);
@@ -223,10 +226,10 @@ fn by_profile(text: &str) -> Result<RunSpec> {
     Ok(spec)
 }
 
-fn jobs(seeds: u64, only: &str) -> Vec<(Case, Seed)> {
+fn jobs(seeds: std::ops::Range<u64>, only: &str) -> Vec<(Case, Seed)> {
     let cases = foreign_plant::cases();
     let chosen = cases.iter().filter(|case| case.name.contains(only));
-    chosen.flat_map(|case| (1..=seeds).map(|seed| (case.clone(), Seed::from(seed)))).collect()
+    chosen.flat_map(|case| seeds.clone().map(|seed| (case.clone(), Seed::from(seed)))).collect()
 }
 
 fn list() {

@@ -10,8 +10,8 @@ use hrg_data::cards::{Card, Class, Kind};
 pub const THRESHOLD: f64 = 4.6;
 
 /// Probability by which chance may pass a test that is made once: of a unit with three axes, of a piece of a run. The numbers of deviations of the judge
-/// ([`super::judge::DEVIATIONS`]) and of a jump ([`super::floor::JUMP`]) are its quantiles, and what is left of an unknown state after
-/// [the time constants that are left out](super::run_in) is this share.
+/// ([`super::judge::DEVIATIONS`]) and of a jump (in `floor.rs`) are its quantiles, and an unknown state is left out until this share of it is left
+/// (`run_in.rs`).
 pub const LEVEL: f64 = 0.05;
 
 /// An effect is there at all.

@@ -127,7 +127,7 @@ pub struct Search<'a> {
     offered: Vec<bool>,
     /// Those that the data propose in this step.
     proposed: Vec<usize>,
-    /// Where the plays begin, as far as the rates tell.
+    /// Starts of the plays, as far as the rates tell.
     begin: Starts,
     /// Axes that are searched.
     active: [bool; AXES],
@@ -539,8 +539,10 @@ impl<'a> Search<'a> {
         for (k, noise_models) in noise_models.iter().enumerate() {
             // (An axis that is not searched proposes nothing.)
             let left = |a: usize| {
-                let searched = self.active[a];
-                searched.then(|| self.axes[a].left(noise_models[a], &state.axes[a].shares)).unwrap_or_default()
+                if !self.active[a] {
+                    return vec![];
+                }
+                self.axes[a].left(noise_models[a], &state.axes[a].shares)
             };
             let mut y = [left(0), left(1), left(2)].into_iter();
             let left = [0, 1, 2].map(|a: usize| Left {
