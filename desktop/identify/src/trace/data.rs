@@ -606,3 +606,23 @@ fn begins_in_ramp(run: &Run, scaling: &Scaling) -> bool {
         ramps.iter().sum::<f32>().abs() > 2.0 * scaling.blend_band_c_per_min * ramps.len() as f32
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::fit::independence::Units;
+    use crate::fit::prepare_for;
+    use crate::trace::growth;
+    use hrg_simulate::{Plan, Profile};
+
+    #[test]
+    fn what_switches_once_each_way_may_be_two_events() {
+        let of = |profile: &str| {
+            let plan = Plan::of(Profile::parse(profile).expect("a profile"), 1, 1);
+            let prepared = prepare_for(&[plan.simulate().recording], Units::default()).expect("usable");
+            let data = growth::data(&prepared).expect("a baseline");
+            (data.switches_again(30.0, -10.0, 0), data.extent().path_repeats)
+        };
+        assert_eq!(of("20,-40@1,50@1,20@1"), (false, false));
+        assert_eq!(of("20,-40@1,50@1,-40@1,50@1"), (true, true));
+    }
+}
