@@ -213,7 +213,7 @@ pub struct Data<'a> {
     pub blocks: Vec<usize>,
     /// The axes.
     pub axes: [AxisRows; AXES],
-    /// The thermal state in the middle of each of those rows, close together: the search goes through them thousands of times.
+    /// The thermal states every [`coarse_s`](Self::coarse_s) seconds, close together: the search goes through them thousands of times.
     coarse: Vec<Vec<Thermal>>,
     /// Growth of the noise with temperature, by axis.
     pub growth: [Growth; AXES],
