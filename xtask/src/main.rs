@@ -273,11 +273,7 @@ fn controls(arguments: &[String]) -> Result<(), Failure> {
         ),
         ("gpsdo", "gpsdo.short.csv.gz", ["--skip", "0", "--columns", "2", "--against", "1"]),
     ];
-    // Units of an earlier run would be graded with these.
-    if folder.exists() {
-        std::fs::remove_dir_all(&folder)
-            .map_err(|e| Failure(format!("{} cannot be emptied: {e}", folder.display())))?;
-    }
+    emptied(&folder)?;
     let mut first = 0;
     let mut text = String::from("# Clean units\n\nWhatever the trace names here is invented. Rows of single units: `out/controls`, after the command.\n");
     for (k, (name, file, select)) in sources.into_iter().enumerate() {
@@ -326,10 +322,7 @@ fn foreign(arguments: &[String]) -> Result<(), Failure> {
     };
     let plant = foreign_plant()?;
     let folder = root().join("out/foreign");
-    // (Units of other seeds, from before, are not graded.)
-    if folder.exists() {
-        std::fs::remove_dir_all(&folder).map_err(|e| Failure(format!("cannot empty {}: {e}", folder.display())))?;
-    }
+    emptied(&folder)?;
     let (how_many, from) = (seeds.to_string(), first.to_string());
     run(Command::new(&plant).args(["all", "--seeds", &how_many, "--first", &from, "--out"]).arg(&folder))?;
     let last = first + seeds - 1;
@@ -339,6 +332,14 @@ fn foreign(arguments: &[String]) -> Result<(), Failure> {
     );
     grade(&plant, &folder, Path::new("docs/foreign.md"), &heading, None)?;
     printed::stamp(&["docs/foreign.md"], &words, true)
+}
+
+/// Takes a folder of units away, where it is: those of an earlier run would be graded with the new ones.
+fn emptied(folder: &Path) -> Result<(), Failure> {
+    if folder.exists() {
+        std::fs::remove_dir_all(folder).map_err(|e| Failure(format!("{} cannot be emptied: {e}", folder.display())))?;
+    }
+    Ok(())
 }
 
 /// Cases of the second plant whose voltages are made of losses and stiffness.

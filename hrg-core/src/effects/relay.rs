@@ -4,11 +4,31 @@
 use super::parameters::Thresholds;
 use super::{Effect, Inputs, Reach, Span};
 
+impl Thresholds {
+    /// `true` where a relay goes on at a temperature (C), `false` where it goes off, `None` where it stays as it is.
+    #[inline]
+    #[must_use]
+    pub fn switched(self, temperature_c: f32) -> Option<bool> {
+        if temperature_c > self.on_c {
+            Some(true)
+        } else if temperature_c < self.off_c {
+            Some(false)
+        } else {
+            None
+        }
+    }
+
+    /// Temperature between both, C.
+    #[inline]
+    fn middle_c(self) -> f32 {
+        0.5 * (self.on_c + self.off_c)
+    }
+}
+
 /// A switch with two thresholds.
 #[derive(Debug, Clone)]
 pub struct Relay {
-    on_c: f32,
-    off_c: f32,
+    thresholds: Thresholds,
     start: f32,
     state: f32,
 }
@@ -23,7 +43,7 @@ impl Effect for Relay {
     type Regressors = [f32; 1];
 
     fn new(p: Thresholds, _: f32) -> Self {
-        Self { on_c: p.on_c, off_c: p.off_c, start: 0.0, state: f32::NAN }
+        Self { thresholds: p, start: 0.0, state: f32::NAN }
     }
 
     fn start_on(&mut self, branch: f32) {
@@ -35,7 +55,7 @@ impl Effect for Relay {
     }
 
     fn soak_at(&mut self, temperature_c: f32) {
-        self.state = if temperature_c > 0.5 * (self.on_c + self.off_c) { 1.0 } else { 0.0 };
+        self.state = if temperature_c > self.thresholds.middle_c() { 1.0 } else { 0.0 };
     }
 
     fn span(p: Thresholds) -> Span {
@@ -47,13 +67,11 @@ impl Effect for Relay {
         let t = inputs.own_c();
         if self.state.is_nan() {
             // In the middle: as it would be at most temperatures on that side.
-            let above = t > 0.5 * (self.on_c + self.off_c);
+            let above = t > self.thresholds.middle_c();
             self.state = if self.start > 0.0 || (self.start == 0.0 && above) { 1.0 } else { 0.0 };
         }
-        if t > self.on_c {
-            self.state = 1.0;
-        } else if t < self.off_c {
-            self.state = 0.0;
+        if let Some(on) = self.thresholds.switched(t) {
+            self.state = if on { 1.0 } else { 0.0 };
         }
         [self.state]
     }

@@ -4,6 +4,7 @@ use super::model::TEMPERATURE_TERMS;
 use super::noise::{Filters, Growth};
 use crate::fit::baseline_columns;
 use hrg_core::bias::{Scaling, TERMS};
+use hrg_core::effects::parameters::Thresholds;
 use hrg_core::effects::{self, EffectId, Facts, Inputs, Running, MAX_OUTPUTS};
 use hrg_core::inputs::{Input, Quantities, QuantitySet};
 use hrg_core::thermal::Thermal;
@@ -490,12 +491,12 @@ impl<'a> Data<'a> {
     }
 
     /// `true` if the runs show a relay on an axis switch twice the same way: what switched once each way may be two events.
-    pub fn switches_again(&self, on_c: f32, off_c: f32, a: usize) -> bool {
+    pub fn switches_again(&self, relay: Thresholds, a: usize) -> bool {
         let mut switched = [0, 0];
         for run in self.runs {
             let mut is_on = None;
             for (t, _) in (0..run.steps.len()).step_by(self.coarse_s).filter_map(|k| run.state(k, a)) {
-                let now = (t > on_c || t < off_c).then_some(t > on_c).or(is_on);
+                let now = relay.switched(t).or(is_on);
                 if let (Some(before), Some(now)) = (is_on, now) {
                     switched[usize::from(now)] += usize::from(before != now);
                 }
@@ -509,6 +510,7 @@ impl<'a> Data<'a> {
     pub fn extent(&self) -> Extent {
         let (low_c, high_c) = self.temperature_range();
         let quarter_c = 0.25 * (high_c - low_c);
+        let middle_half = Thresholds { on_c: high_c - quarter_c, off_c: low_c + quarter_c };
         let ramps = self.runs.iter().flat_map(|r| (0..AXES).map(move |a| r.ramp_range(a)));
         Extent {
             low_c,
@@ -517,7 +519,7 @@ impl<'a> Data<'a> {
             longest_s: self.longest_s(),
             lag_s: self.lag_s,
             runs: self.runs.len(),
-            path_repeats: (0..AXES).any(|a| self.switches_again(high_c - quarter_c, low_c + quarter_c, a)),
+            path_repeats: (0..AXES).any(|a| self.switches_again(middle_half, a)),
         }
     }
 
@@ -612,6 +614,7 @@ mod tests {
     use crate::fit::independence::Units;
     use crate::fit::prepare_for;
     use crate::trace::growth;
+    use hrg_core::effects::parameters::Thresholds;
     use hrg_simulate::{Plan, Profile};
 
     #[test]
@@ -620,7 +623,7 @@ mod tests {
             let plan = Plan::of(Profile::parse(profile).expect("a profile"), 1, 1);
             let prepared = prepare_for(&[plan.simulate().recording], Units::default()).expect("usable");
             let data = growth::data(&prepared).expect("a baseline");
-            (data.switches_again(30.0, -10.0, 0), data.extent().path_repeats)
+            (data.switches_again(Thresholds { on_c: 30.0, off_c: -10.0 }, 0), data.extent().path_repeats)
         };
         assert_eq!(of("20,-40@1,50@1,20@1"), (false, false));
         assert_eq!(of("20,-40@1,50@1,-40@1,50@1"), (true, true));

@@ -97,11 +97,10 @@ pub fn relays(data: &Data<'_>, jumps: &[Candidate], left: &[Left<'_>; AXES]) -> 
         run.state(run.thermal.partition_point(|t| t.time_s < time_s), a)
     };
     let states: Vec<(f32, f32)> = jumps.iter().filter_map(at).collect();
-    let relay = |on_c: f32, off_c: f32| Candidate::new(EffectId::Relay, Thresholds { on_c, off_c }.row());
     let heating = states.iter().filter(|s| s.1 > 0.0);
     let cooling = || states.iter().filter(|s| s.1 < 0.0);
-    let all = heating.flat_map(|on| cooling().map(move |off| (on.0, off.0)));
-    all.filter(|(on_c, off_c)| data.switches_again(*on_c, *off_c, a)).map(|(on_c, off_c)| relay(on_c, off_c)).collect()
+    let all = heating.flat_map(|on| cooling().map(move |off| Thresholds { on_c: on.0, off_c: off.0 }));
+    all.filter(|t| data.switches_again(*t, a)).map(|t| Candidate::new(EffectId::Relay, t.row())).collect()
 }
 
 /// Times at which the rates seem to jump: every block boundary is tried as a step, and the best are kept. (A step that is placed

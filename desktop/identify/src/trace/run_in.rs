@@ -1,5 +1,5 @@
 //! Unknown start states. A unit that is switched on warm, or a log that begins in a ramp, begins with lags in a state that the recording
-//! does not tell. If the rates show a memory, its beginning of such a run is left out of fit and judgement, until a
+//! does not tell. If the rates show a memory, the beginning of such a run is left out of fit and judgement, until a
 //! twentieth of that state is left.
 
 use super::data::{AxisRows, Candidate, Data};
@@ -127,12 +127,10 @@ pub fn leave_out_behind_gaps(image: &Calibration, steps: &mut Steps) {
 /// [map](hrg_core::visited).
 fn passed(run: &Run, from: usize) -> BTreeSet<(usize, usize, bool)> {
     let of = |a: usize| {
-        let states = |from: usize| (from..run.steps.len()).filter_map(move |k| run.state(k, a));
-        let temperatures: Vec<f32> = states(0).map(|s| s.0).collect();
-        let low_c = temperatures.iter().copied().fold(f32::INFINITY, f32::min);
-        let high_c = temperatures.into_iter().fold(f32::NEG_INFINITY, f32::max);
+        let (low_c, high_c) = run.temperature_range(a);
         let eighth = move |t: f32| ((t - low_c) / (high_c - low_c) * TEMPERATURES as f32) as usize;
-        states(from).map(move |s| (a, eighth(s.0).min(TEMPERATURES - 1), s.1 > 0.0))
+        let states = (from..run.steps.len()).filter_map(move |k| run.state(k, a));
+        states.map(move |s| (a, eighth(s.0).min(TEMPERATURES - 1), s.1 > 0.0))
     };
     run.steps.present().flat_map(of).collect()
 }
