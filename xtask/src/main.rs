@@ -317,8 +317,8 @@ fn page_of(arguments: &[String], command: &str, of_traces: bool) -> Result<(), F
 /// The trace on the units of the second plant, graded by their truths.
 fn foreign(arguments: &[String]) -> Result<(), Failure> {
     let number = |k: usize| arguments.get(k).map_or(Ok(1), |n| n.parse::<u64>());
-    let (Ok(seeds), Ok(first)) = (number(0), number(1)) else {
-        return Err(Failure("study --foreign: give the number of seeds, and the first of them".into()));
+    let (Ok(seeds @ 1..), Ok(first)) = (number(0), number(1)) else {
+        return Err(Failure("study --foreign: give the number of seeds (1 or more), and the first of them".into()));
     };
     let plant = foreign_plant()?;
     let folder = root().join("out/foreign");

@@ -438,7 +438,11 @@ pub fn units(all: &[Graded]) -> String {
             "| {} | {} | {named} | {} | {} |\n",
             g.name,
             format!("{:?}", g.grade).to_lowercase(),
-            if g.burn { "yes" } else { "" },
+            match (g.burn, g.hurts()) {
+                (false, _) => "",
+                (true, false) => "yes",
+                (true, true) => "yes; worse on the third run",
+            },
             left.join(", ")
         );
     }

@@ -10,9 +10,11 @@ use super::model::Fitted;
 use super::noise::NOISE_MODELS;
 use super::odds::THRESHOLD;
 use super::regression::Under;
+use super::report::Found;
 use super::search::{Model, Search, MOST};
-use hrg_core::effects::EffectId;
 use hrg_core::AXES;
+use hrg_data::axes::AXIS_NAMES;
+use hrg_data::cards::Class;
 
 /// Variables along which structure is left on the train runs, by axis, in words; empty if none is left.
 pub fn judge(data: &Data<'_>, search: &mut Search<'_>, model: &Model) -> [Vec<String>; AXES] {
@@ -25,15 +27,7 @@ pub fn judge(data: &Data<'_>, search: &mut Search<'_>, model: &Model) -> [Vec<St
             .filter(|(_, evidence)| *evidence > least)
             .map(|(name, _)| (*name).to_string())
             .collect();
-        let on_axis = || model.members.iter().filter(|m| !m.prior[a].is_empty());
-        let here = |effect: EffectId| on_axis().filter(|m| m.parts[0].facts.effect == effect).count();
-        if here(EffectId::Step) + here(EffectId::Shock) > 1 {
-            left.push("in time (the rates jump more than once, so something switches)".into());
-        }
-        if here(EffectId::Periodic) > 1 {
-            left.push("in time (more than one period is needed, so it is not one that repeats)".into());
-        }
-        if on_axis().count() >= MOST {
+        if model.members.iter().filter(|m| !m.prior[a].is_empty()).count() >= MOST {
             left.push("in nothing simple (as many effects are needed as the search allows)".into());
         }
         left
@@ -62,6 +56,28 @@ pub fn on_verify(data: &Data<'_>, left: &[Vec<f64>; AXES]) -> [Vec<String>; AXES
         let evidence = |g: &Option<Extension>| g.map_or(0.0, |e| e.evidence - nothing.evidence);
         let found = names.iter().zip(&gains).filter(|(_, g)| evidence(g) > least);
         found.map(|(name, _)| format!("{name} on the verify run")).collect()
+    })
+}
+
+/// What the train runs show and another run does not, by axis: an effect that the verify run does not confirm, or cannot, describes
+/// something and explains nothing yet.
+pub fn not_confirmed(effects: &[Found]) -> [Vec<String>; AXES] {
+    [0, 1, 2].map(|a: usize| {
+        let here = effects.iter().filter(|e| e.axes.contains_key(AXIS_NAMES[a]));
+        let mut left: Vec<String> = here
+            .filter_map(|e| match e.confirmed {
+                Some(true) => None,
+                Some(false) => {
+                    Some(format!("where {} stands for it, which the verify run does not confirm", e.label()))
+                }
+                None if e.class == Class::Event => {
+                    Some(format!("in time, where {} stands for it, which no other run can confirm", e.label()))
+                }
+                None => Some(format!("where {} stands for it, whose input the verify run does not have", e.label())),
+            })
+            .collect();
+        left.dedup();
+        left
     })
 }
 

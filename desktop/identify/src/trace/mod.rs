@@ -288,10 +288,11 @@ fn judged_on(
     let on_judge = judge_run.map(fit_to_judge).transpose()?;
 
     // The rest; each effect on the verify run; then the image.
-    let (left, floor_ratio) = structure(&mut search, &learnt, &fitted, &on_verify, &known);
+    let (mut left, floor_ratio) = structure(&mut search, &learnt, &fitted, &on_verify, &known);
     let whole = Prediction::new(&on_verify.data, &fitted, &uncertain, &known);
     let finder = OnVerify { data, verify: &on_verify.data, run: verify_run, known: &known };
     let effects = finder.found(&search, &learnt, &fitted, &uncertain.stated, &whole)?;
+    left.iter_mut().zip(leftover::not_confirmed(&effects)).for_each(|(left, more)| left.extend(more));
     let (prior, better) = of_family(options, prepared, &fitted, data, &learnt)?;
     notes.splice(0..0, prior.as_ref().map(|p| p.sentence.clone()));
     let judges = (&on_verify, on_judge.as_ref());
@@ -958,6 +959,30 @@ mod tests {
         assert_eq!(r.refitted_on_verify.len(), 1);
         for n in AXIS_NAMES {
             assert!(r.judged_rms_dph[n] < r.r#final[n].verify_rms_dph);
+        }
+    }
+
+    #[test]
+    fn what_another_run_does_not_confirm_is_not_explained() {
+        let lag = "thermal-lag:size=3";
+        let verify = plan("verify", &[lag], 71, 144);
+        let of = |train: &Recording| trace(std::slice::from_ref(train), &verify).expect("traces").report;
+        let whole = plan("cycle", &[lag], 71, 143);
+        let r = of(&whole);
+        assert!(r.burn && r.unexplained.values().all(|u| !u), "{:?}", r.left_over);
+        // An event on all axes, and an effect on x that the verify run does not have.
+        let step = plan("cycle", &[lag, "step:size=3"], 71, 143);
+        let mut kink = whole.clone();
+        kink.rate_dph[0] = plan("cycle", &[lag, "kink:size=2"], 71, 143).rate_dph[0].clone();
+        for (train, axes, what) in [
+            (step, &AXIS_NAMES[..], "in time, where step stands for it"),
+            (kink, &AXIS_NAMES[..1], "where kink stands for it, which the verify run does not confirm"),
+        ] {
+            let r = of(&train);
+            let named = |n: &&str| r.unexplained[*n] && r.left_over[*n].iter().any(|l| l.contains(what));
+            assert!(axes.iter().all(named), "{what}: {:?} {}", r.left_over, r.verdict);
+            assert!(AXIS_NAMES.iter().all(|n| axes.contains(n) || !named(n)), "{what}: {:?}", r.left_over);
+            assert_eq!(r.advice.iter().filter(|a| a.contains(what)).count(), 1, "{:?}", r.advice);
         }
     }
 

@@ -176,7 +176,7 @@ fn left(r: &Report) -> String {
         let ratio = r.floor_ratio[n];
         let word = match (ratio.is_noise(), r.unexplained[n]) {
             (true, false) => "may be noise",
-            (true, true) => "the size of noise, but with structure (listed below)",
+            (true, true) => "the size of noise; what is not explained is listed below",
             (false, _) => "more than noise",
         };
         format!("{n} {ratio}: {word}")
@@ -321,6 +321,25 @@ fn about_inputs(r: &Report) -> Option<String> {
     })
 }
 
+/// What is left unexplained; axes of which the same is to be said together.
+fn about_structure(r: &Report) -> Vec<String> {
+    let mut groups: Vec<(&[String], Vec<&str>)> = Vec::new();
+    for (n, left) in r.left_over.iter().filter(|(_, l)| !l.is_empty()) {
+        match groups.iter_mut().find(|g| g.0 == left.as_slice()) {
+            Some(group) => group.1.push(n),
+            None => groups.push((left, vec![n])),
+        }
+    }
+    let one = |(left, axes): (&[String], Vec<&str>)| {
+        let axes = if axes.len() == 1 { format!("axis {}", axes[0]) } else { format!("axes {}", list(&axes)) };
+        format!(
+            "{axes}: structure is left {}. A repeat of the same run shows if it belongs to the unit or to that day",
+            left.join("; ")
+        )
+    };
+    groups.into_iter().map(one).collect()
+}
+
 /// Advice beside the verdict, the most useful first.
 #[must_use]
 pub fn advice(r: &Report) -> Vec<String> {
@@ -340,19 +359,8 @@ pub fn advice(r: &Report) -> Vec<String> {
         let parameter = |name: &str| e.parameters.get(name).copied().unwrap_or(f64::NAN);
         let repair = EffectId::by_name(&e.name).and_then(|id| card(id).repair).filter(|_| e.reach != "unit");
         out.extend(repair.map(|repair| repair(&parameter)));
-        if e.confirmed == Some(false) {
-            out.push(format!(
-                "the train run shows {}, and the verify run does not confirm it on every axis: take another run before you rely on the name",
-                e.label()
-            ));
-        }
     }
-    for (n, left) in r.left_over.iter().filter(|(_, l)| !l.is_empty()) {
-        out.push(format!(
-            "axis {n}: structure is left {}. A repeat of the same run shows if it belongs to the unit or to that day",
-            left.join("; ")
-        ));
-    }
+    out.extend(about_structure(r));
     for (n, b) in r.block.iter().flatten() {
         if b.mean_dph.abs() > 3.0 * b.mean_std_dph {
             let here = |e: &&Found| e.reach == "unpredictable" && e.axes.contains_key(n);
