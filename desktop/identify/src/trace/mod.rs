@@ -287,12 +287,11 @@ fn judged_on(
     let fit_to_judge = |run| judge_has_inputs(run, runs, fitted.terms(), &known, &scaling).and_then(third);
     let on_judge = judge_run.map(fit_to_judge).transpose()?;
 
-    // The rest; each effect on the verify run; then the image.
-    let (mut left, floor_ratio) = structure(&mut search, &learnt, &fitted, &on_verify, &known);
+    // Each effect on the verify run; the rest; then the image.
     let whole = Prediction::new(&on_verify.data, &fitted, &uncertain, &known);
     let finder = OnVerify { data, verify: &on_verify.data, run: verify_run, known: &known };
     let effects = finder.found(&search, &learnt, &fitted, &uncertain.stated, &whole)?;
-    left.iter_mut().zip(leftover::not_confirmed(&effects)).for_each(|(left, more)| left.extend(more));
+    let (left, floor_ratio) = structure(&mut search, (&learnt, &fitted, &effects), &on_verify, &known);
     let (prior, better) = of_family(options, prepared, &fitted, data, &learnt)?;
     notes.splice(0..0, prior.as_ref().map(|p| p.sentence.clone()));
     let judges = (&on_verify, on_judge.as_ref());
@@ -389,11 +388,11 @@ fn turn_on(fitted: &Fitted) -> ByAxis<TurnOn> {
     by_axis(of)
 }
 
-/// Variables along which structure is left, by axis, and what is left of the verify run in floors.
+/// What is left unexplained, by axis: variables along which structure is left, and effects that the verify run does not confirm; and what is left of the
+/// verify run in floors.
 fn structure(
     search: &mut Search<'_>,
-    learnt: &Learnt,
-    fitted: &Fitted,
+    (learnt, fitted, effects): (&Learnt, &Fitted, &[Found]),
     verify: &Unseen<'_>,
     known: &dyn Fn(&Candidate) -> bool,
 ) -> ([Vec<String>; AXES], ByAxis<floor::Ratio>) {
@@ -410,6 +409,7 @@ fn structure(
     {
         left.push(format!("beyond the noise of the verify run ({ratio})"));
     }
+    left.iter_mut().zip(leftover::not_confirmed(effects)).for_each(|(left, more)| left.extend(more));
     (left, floor_ratio)
 }
 
