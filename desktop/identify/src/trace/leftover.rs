@@ -10,11 +10,11 @@ use super::model::Fitted;
 use super::noise::NOISE_MODELS;
 use super::odds::THRESHOLD;
 use super::regression::Under;
-use super::report::Found;
-use super::search::{Model, Search, MOST};
+use super::report::{Found, Ranked};
+use super::search::{Model, Score, Search, MOST};
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
-use hrg_data::cards::Class;
+use hrg_data::cards::{class_of, Class};
 
 /// Variables along which structure is left on the train runs, by axis, in words; empty if none is left.
 pub fn judge(data: &Data<'_>, search: &mut Search<'_>, model: &Model) -> [Vec<String>; AXES] {
@@ -59,26 +59,33 @@ pub fn on_verify(data: &Data<'_>, left: &[Vec<f64>; AXES]) -> [Vec<String>; AXES
     })
 }
 
-/// What the train runs show and another run does not, by axis: an effect that the verify run does not confirm, or cannot, describes
-/// something and explains nothing yet.
-pub fn not_confirmed(effects: &[Found]) -> [Vec<String>; AXES] {
+/// What is described and not explained, by axis: an effect that the verify run does not confirm, or cannot, and one in whose place an effect of
+/// another class is as probable, by the odds at which a claim is made.
+pub fn not_explained(effects: &[Found]) -> [Vec<String>; AXES] {
     [0, 1, 2].map(|a: usize| {
         let here = effects.iter().filter(|e| e.axes.contains_key(AXIS_NAMES[a]));
         let mut left: Vec<String> = here
-            .filter_map(|e| match e.confirmed {
-                Some(true) => None,
-                Some(false) => {
-                    Some(format!("where {} stands for it, which the verify run does not confirm", e.label()))
-                }
-                None if e.class == Class::Event => {
-                    Some(format!("in time, where {} stands for it, which no other run can confirm", e.label()))
-                }
-                None => Some(format!("where {} stands for it, whose input the verify run does not have", e.label())),
+            .filter_map(|e| {
+                let why = match e.confirmed {
+                    Some(true) => {
+                        format!("and {} of another class would be as probable", other_class(e.class, e.score, &e.rank)?)
+                    }
+                    Some(false) => "which the verify run does not confirm".into(),
+                    None if e.class == Class::Event => "and no other run can confirm what happens once".into(),
+                    None => "whose input the verify run does not have".into(),
+                };
+                Some(format!("where {} stands for it, {why}", e.label()))
             })
             .collect();
         left.dedup();
         left
     })
+}
+
+/// Of the candidates for the place of an effect, one of another class whose posterior odds are not below the effect's own by more than the threshold.
+fn other_class(class: Class, score: Score, rank: &[Ranked]) -> Option<&str> {
+    let near = |r: &&Ranked| score.total() - r.score.total() < THRESHOLD;
+    rank.iter().filter(near).find(|r| class_of(&r.name).is_some_and(|c| c != class)).map(|r| r.name.as_str())
 }
 
 /// Swings within a run that no noise of a gyro has, by the weights of the noise models after a fit.
@@ -133,4 +140,22 @@ fn generic(data: &Data<'_>, a: usize) -> Vec<(&'static str, Vec<Vec<f64>>)> {
         ("in temperature and dT/dt together", products),
         ("in time", curve(&clock, 1..=14, &|_| 1.0)),
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_class_is_certain_if_every_other_one_is_beyond_the_threshold() {
+        let score = |log_evidence: f64| Score { log_prior: -6.0, log_evidence };
+        let ranked =
+            |name: &str, log_evidence: f64| Ranked { name: name.into(), gain_in_cv: 0.0, score: score(log_evidence) };
+        let other = |rank: &[Ranked]| other_class(Class::Memory, score(30.0), rank).map(String::from);
+        let own = [ranked("thermal-lag", 30.0), ranked("lag-ladder", 29.0), ranked("warm-up", 25.0)];
+        assert_eq!(other(&own), None);
+        assert_eq!(other(&[ranked("lag-ladder", 31.0), ranked("warm-up", 26.0)]), Some("warm-up".into()));
+        // What the list of effects does not have has no class that could be another one.
+        assert_eq!(other(&[ranked("my own", 30.0)]), None);
+    }
 }

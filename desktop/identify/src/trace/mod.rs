@@ -388,7 +388,7 @@ fn turn_on(fitted: &Fitted) -> ByAxis<TurnOn> {
     by_axis(of)
 }
 
-/// What is left unexplained, by axis: variables along which structure is left, and effects that the verify run does not confirm; and what is left of the
+/// What is left unexplained, by axis: variables along which structure is left, and effects that are not settled; and what is left of the
 /// verify run in floors.
 fn structure(
     search: &mut Search<'_>,
@@ -409,7 +409,7 @@ fn structure(
     {
         left.push(format!("beyond the noise of the verify run ({ratio})"));
     }
-    left.iter_mut().zip(leftover::not_confirmed(effects)).for_each(|(left, more)| left.extend(more));
+    left.iter_mut().zip(leftover::not_explained(effects)).for_each(|(left, more)| left.extend(more));
     (left, floor_ratio)
 }
 
@@ -975,7 +975,7 @@ mod tests {
         let mut kink = whole.clone();
         kink.rate_dph[0] = plan("cycle", &[lag, "kink:size=2"], 71, 143).rate_dph[0].clone();
         for (train, axes, what) in [
-            (step, &AXIS_NAMES[..], "in time, where step stands for it"),
+            (step, &AXIS_NAMES[..], "where step stands for it, and no other run"),
             (kink, &AXIS_NAMES[..1], "where kink stands for it, which the verify run does not confirm"),
         ] {
             let r = of(&train);
