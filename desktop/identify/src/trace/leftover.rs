@@ -59,8 +59,8 @@ pub fn on_verify(data: &Data<'_>, left: &[Vec<f64>; AXES]) -> [Vec<String>; AXES
     })
 }
 
-/// What is described and not explained, by axis: an effect that the verify run does not confirm, or cannot, and one in whose place an effect of
-/// another class is as probable, by the odds at which a claim is made.
+/// Effects that describe something and do not explain it, by axis: those that the verify run does not confirm, or cannot, and those in whose place
+/// an effect of another class is as probable, by the odds at which a claim is made.
 pub fn not_explained(effects: &[Found]) -> [Vec<String>; AXES] {
     [0, 1, 2].map(|a: usize| {
         let here = effects.iter().filter(|e| e.axes.contains_key(AXIS_NAMES[a]));
@@ -155,7 +155,7 @@ mod tests {
         let own = [ranked("thermal-lag", 30.0), ranked("lag-ladder", 29.0), ranked("warm-up", 25.0)];
         assert_eq!(other(&own), None);
         assert_eq!(other(&[ranked("lag-ladder", 31.0), ranked("warm-up", 26.0)]), Some("warm-up".into()));
-        // What the list of effects does not have has no class that could be another one.
+        // An own effect is not in the list and has no class that could be another one.
         assert_eq!(other(&[ranked("my own", 30.0)]), None);
     }
 }

@@ -388,8 +388,7 @@ fn turn_on(fitted: &Fitted) -> ByAxis<TurnOn> {
     by_axis(of)
 }
 
-/// What is left unexplained, by axis: variables along which structure is left, and effects that are not settled; and what is left of the
-/// verify run in floors.
+/// The variables along which structure is left and the effects that explain nothing yet, in words, by axis; and the residual of the verify run in floors.
 fn structure(
     search: &mut Search<'_>,
     (learnt, fitted, effects): (&Learnt, &Fitted, &[Found]),

@@ -42,7 +42,7 @@ pub fn log_prior(card: &Card, tries: f64, model: &[Class]) -> f64 {
     sum
 }
 
-/// A run begins off the middle of a play: at one of its three places ([`Starts::BRANCHES`]) and not at another.
+/// A run begins at one of the three places of a play ([`Starts::BRANCHES`]) and not at another.
 pub fn branch() -> f64 {
     -(Starts::BRANCHES.len() as f64).ln()
 }

@@ -321,7 +321,7 @@ fn about_inputs(r: &Report) -> Option<String> {
     })
 }
 
-/// What is left unexplained; axes of which the same is to be said together.
+/// Sentences about what is left unexplained; one for all axes of which it is the same.
 fn about_structure(r: &Report) -> Vec<String> {
     let mut groups: Vec<(&[String], Vec<&str>)> = Vec::new();
     for (n, left) in r.left_over.iter().filter(|(_, l)| !l.is_empty()) {

@@ -183,12 +183,12 @@ impl<'a> Search<'a> {
         let nothing = self.nothing();
         let mut net_evidence = |starts: Starts| {
             let c = Candidate::new(EffectId::PlayLadder, parameters).starting(starts);
-            let group = self.alone(&c).unwrap_or_else(|| self.push(vec![c], 1.0));
+            let group = self.alone(&c).unwrap_or_else(|| self.push(vec![c], Starts::BRANCHES.len() as f64));
             let all = self.extensions(&nothing);
             all.iter().find(|e| e.1 == group).map_or(f64::NEG_INFINITY, |e| e.0)
         };
         let middle = Starts::all(runs, 0);
-        let mut best = (net_evidence(middle), middle);
+        let mut best = (net_evidence(middle) - odds::branch(), middle);
         for branch in 1..Starts::BRANCHES.len() {
             let starts = Starts::all(runs, branch);
             let w = net_evidence(starts);
@@ -252,26 +252,6 @@ impl<'a> Search<'a> {
     fn log_prior(&self, group: usize, others: &[usize]) -> f64 {
         let classes: Vec<Class> = others.iter().map(|g| self.card(*g).class).collect();
         odds::log_prior(&self.card(group), self.tries[group], &classes)
-            + self.log_prior_of_starts(&self.lead(group), others)
-    }
-
-    /// Log prior odds of where a candidate stands when the runs begin: another one that begins there, too, has paid for it.
-    fn log_prior_of_starts(&self, c: &Candidate, others: &[usize]) -> f64 {
-        let like = |g: &usize| self.lead(*g).facts.remembers_path && self.lead(*g).starts == c.starts;
-        if !c.facts.remembers_path || others.iter().any(like) {
-            return 0.0;
-        }
-        let off_the_middle = (0..self.starts_searched()).filter(|run| c.starts.of(Some(*run)) != Starts::BRANCHES[0]);
-        odds::branch() * off_the_middle.count() as f64
-    }
-
-    /// Number of starts of a play that are searched: of each run, or one for all.
-    fn starts_searched(&self) -> usize {
-        if self.data.alike {
-            1
-        } else {
-            self.data.runs.len().min(MOST_STARTS)
-        }
     }
 
     /// Data of the search.

@@ -1,6 +1,6 @@
 //! Refinement: the inner parameters of an effect, and where it stands when each run begins.
 
-use super::{Search, State};
+use super::{odds, Search, State, MOST_STARTS};
 use crate::trace::data::{AxisByAxis, Candidate, Starts};
 use hrg_core::AXES;
 use hrg_data::cards::Move;
@@ -58,21 +58,18 @@ impl Search<'_> {
         if !parts[0].facts.remembers_path {
             return state;
         }
-        let own = state.groups[k];
-        let others: Vec<usize> = state.groups.iter().copied().filter(|g| *g != own).collect();
-        let score = |parts: &[Candidate]| self.trial(&state, k, parts) + self.log_prior_of_starts(&parts[0], &others);
-        let mut best = (score(&parts), parts.clone());
+        let mut best = (self.trial(&state, k, &parts) - odds::branch(), parts.clone());
         let (runs, alike) = (self.data.runs.len(), self.data.alike);
-        for run in 0..self.starts_searched() {
+        for run in 0..if alike { 1 } else { runs.min(MOST_STARTS) } {
             for branch in 0..Starts::BRANCHES.len() {
                 let starts = if alike { Starts::all(runs, branch) } else { best.1[0].starts.with(run, branch) };
                 if starts == best.1[0].starts {
                     continue;
                 }
                 let moved: Vec<Candidate> = best.1.iter().map(|c| c.starting(starts)).collect();
-                let moved_score = score(&moved);
-                if moved_score > best.0 {
-                    best = (moved_score, moved);
+                let net_evidence = self.trial(&state, k, &moved);
+                if net_evidence > best.0 {
+                    best = (net_evidence, moved);
                 }
             }
         }
@@ -87,7 +84,7 @@ impl Search<'_> {
         let group = self.push(parts, self.tries[state.groups[k]]);
         self.offered[group] = false;
         let moved = self.instead(&state, k, group);
-        if self.score(&moved) > self.score(&state) {
+        if moved.evidence() > state.evidence() {
             moved
         } else {
             state
