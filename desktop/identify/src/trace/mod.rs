@@ -799,7 +799,9 @@ mod tests {
         {
             let r = traced(&[&format!("{name}:size=3")], 40 + k as u64);
             assert_eq!(names(&r), [name], "{}", r.verdict);
-            assert!(r.unexplained.values().all(|u| !u), "{name}: {:?}", r.left_over);
+            // (No other run can confirm what happens once: it is described and not explained.)
+            let event = r.effects[0].class == Class::Event;
+            assert!(r.unexplained.values().all(|u| *u == event), "{name}: {:?}", r.left_over);
         }
     }
 
