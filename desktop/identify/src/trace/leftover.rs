@@ -60,7 +60,7 @@ pub fn on_verify(data: &Data<'_>, left: &[Vec<f64>; AXES]) -> [Vec<String>; AXES
 }
 
 /// Effects that describe something and do not explain it, by axis: those that the verify run does not confirm, or cannot, and those in whose place
-/// an effect of another class is as probable, by the odds at which a claim is made.
+/// an effect of another class is not excluded by the odds at which a claim is made.
 pub fn not_explained(effects: &[Found]) -> [Vec<String>; AXES] {
     [0, 1, 2].map(|a: usize| {
         let here = effects.iter().filter(|e| e.axes.contains_key(AXIS_NAMES[a]));
@@ -68,10 +68,11 @@ pub fn not_explained(effects: &[Found]) -> [Vec<String>; AXES] {
             .filter_map(|e| {
                 let why = match e.confirmed {
                     Some(true) => {
-                        format!("and {} of another class would be as probable", other_class(e.class, e.score, &e.rank)?)
+                        let other = other_class(e.class, e.score, &e.rank)?;
+                        format!("and {other} of another class is not excluded by odds of 99 to 1")
                     }
                     Some(false) => "which the verify run does not confirm".into(),
-                    None if e.class == Class::Event => "and no other run can confirm what happens once".into(),
+                    None if e.class == Class::Event => "and no other run can confirm it".into(),
                     None => "whose input the verify run does not have".into(),
                 };
                 Some(format!("where {} stands for it, {why}", e.label()))
