@@ -68,3 +68,21 @@ fn contacts_that_switch_again_are_relays_and_not_events() {
     assert!(left < 1.5, "{left}");
     println!("hysteresis-two-thresholds: {relays} relays, {left:.2} floors");
 }
+
+#[test]
+fn what_leaves_much_of_what_the_baseline_leaves_may_be_worse_on_another_profile() {
+    // A body that warms fast and cools slowly is no effect of the library: the image helps on the verify run, and lacks something on each.
+    let (_, report) = traced("memory-asymmetric");
+    assert!(!report.burn && report.judge.values().any(|j| j.uncertain_elsewhere), "{}", report.verdict);
+    assert!(report.verdict.contains("the better one on another profile"), "{}", report.verdict);
+    let block = report.block.as_ref().expect("an image");
+    assert!(block.iter().all(|(a, b)| b.verify_rms_dph < report.baseline[a].verify_rms_dph), "{}", report.verdict);
+}
+
+#[test]
+fn a_recorded_quantity_does_not_stand_for_two_effects_of_the_resonator() {
+    let (made, report) = traced("mix-logarithm-two-poles");
+    let classes: Vec<&str> = report.effects.iter().map(|e| e.class.name()).collect();
+    assert!(!classes.contains(&"input") && classes.contains(&"memory") && classes.contains(&"power-on"), "{classes:?}");
+    println!("mix-logarithm-two-poles: {:.2} floors", left(&made, &report));
+}

@@ -23,11 +23,14 @@ pub struct Happened {
     pub effects: Vec<(Candidate, [bool; AXES])>,
     /// The residual without them.
     pub left: [Vec<f64>; AXES],
+    /// Their sum on each step of the run.
+    pub sum_dph: [Vec<f64>; AXES],
 }
 
 /// Refits those terms that are unpredictable to the residual of a run, on the axes that have them, and takes them out of it.
 pub fn refit(terms: &[Term], run: &Run, scaling: &Scaling, residual: &[Vec<f64>; AXES]) -> Happened {
     let mut rest = residual.clone();
+    let mut sum_dph = residual.each_ref().map(|r| vec![0.0; r.len()]);
     let (mut out, mut effects) = (Vec::new(), Vec::new());
     let mut done: Vec<&str> = Vec::new();
     // (A shock that recovered is over.)
@@ -42,8 +45,10 @@ pub fn refit(terms: &[Term], run: &Run, scaling: &Scaling, residual: &[Vec<f64>;
         let Some((parameters, gains)) = best(t, run, scaling, &rest) else { continue };
         for (a, rest) in rest.iter_mut().enumerate() {
             let x = run.effect(c.facts.id, &parameters, 0.0, scaling, a);
-            for (r, x) in rest.iter_mut().zip(x) {
-                *r -= gains[a].iter().zip(x).map(|(g, v)| g * f64::from(v)).sum::<f64>();
+            for ((r, sum), x) in rest.iter_mut().zip(&mut sum_dph[a]).zip(x) {
+                let of_effect = gains[a].iter().zip(x).map(|(g, v)| g * f64::from(v)).sum::<f64>();
+                *r -= of_effect;
+                *sum += of_effect;
             }
         }
         effects.push((Candidate { parameters, run: None, ..*c }, [0, 1, 2].map(|a: usize| t.on(a))));
@@ -56,7 +61,7 @@ pub fn refit(terms: &[Term], run: &Run, scaling: &Scaling, residual: &[Vec<f64>;
                 .collect(),
         });
     }
-    Happened { refitted: out, effects, left: rest }
+    Happened { refitted: out, effects, left: rest, sum_dph }
 }
 
 /// Name of a parameter that is a time since power-on.

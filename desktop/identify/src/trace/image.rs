@@ -3,7 +3,7 @@
 
 use super::data::{Candidate, Data};
 use super::floor::Noise;
-use super::judge::{borne_out, Agreement, Prediction};
+use super::judge::{borne_out, holds_elsewhere, Agreement, Misfit, Prediction};
 use super::means::Means;
 use super::model::{drop_idle_effects, take_axis, Fitted, Specification, TEMPERATURE_TERMS};
 use super::report::{by_axis, AxisModel, ByAxis, Image, Judged, OnVerify};
@@ -28,6 +28,13 @@ pub(super) struct Written {
     pub good: bool,
     /// `true` where the rows that judge have also chosen what stands on an axis.
     pub chosen_on_verify: bool,
+}
+
+impl Written {
+    /// `true` where no axis may be worse than the baseline on another profile, see [`Judged::uncertain_elsewhere`].
+    pub fn holds_elsewhere(&self) -> bool {
+        !self.judged.values().any(|j| j.uncertain_elsewhere)
+    }
 }
 
 /// The fits that an image may be made of.
@@ -110,9 +117,9 @@ impl Fits<'_> {
             () => Image::None,
         };
         let of_judge = judge.map(predictions);
-        let (judge, of_judge) = (judge.unwrap_or(verify), of_judge.unwrap_or(of_verify));
+        let runs: Vec<&Unseen<'_>> = std::iter::once(verify).chain(judge).collect();
         let chosen = corrected(&image);
-        let judged = self.judged((&image, &plain), &of_judge, judge, models, constants);
+        let judged = self.judged((&image, &plain), &of_judge.unwrap_or(of_verify), &runs, models, constants);
         let names = hrg_data::axes::AXIS_NAMES;
         let extended = verify.run.steps.present().filter(|a| models[*a] == AxisModel::Extended);
         let on_judge: Vec<(usize, Agreement)> = extended.map(|a| (a, judged[names[a]].agreement)).collect();
@@ -203,16 +210,19 @@ impl Fits<'_> {
             .collect()
     }
 
-    /// The written image on the run that judges, by axis, against the baseline by least squares and against a constant.
+    /// The written image on the runs that did not learn, by axis (the last one judges), against the baseline by least squares and against a constant.
     fn judged(
         &self,
         (image, plain): (&Calibration, &Calibration),
         (of_image, of_beside): &(Prediction, Prediction),
-        judge: &Unseen<'_>,
+        runs: &[&Unseen<'_>],
         models: [AxisModel; AXES],
         constants: [f64; AXES],
     ) -> ByAxis<Judged> {
-        let [left, base] = [image, plain].map(|c| fit::correct(c, &judge.run.steps));
+        let judge = runs[runs.len() - 1];
+        let corrected: Vec<[[Vec<f64>; AXES]; 2]> =
+            runs.iter().map(|r| [image, plain].map(|c| fit::correct(c, &r.run.steps))).collect();
+        let [left, base] = &corrected[runs.len() - 1];
         let [whole_left, whole_base] = [image, plain].map(|c| fit::correct(c, &judge.whole.steps));
         by_axis(|a| {
             let means = judge.means(&left[a]);
@@ -241,6 +251,7 @@ impl Fits<'_> {
                 rms_dph: (means.deviation().powi(2) + means.mean().powi(2)).sqrt(),
                 constant_dph: means.mean(),
                 worse_than_a_constant: worse,
+                uncertain_elsewhere: models[a] == AxisModel::Extended && is_uncertain_elsewhere(runs, &corrected, a),
             }
         })
     }
@@ -257,6 +268,22 @@ impl Fits<'_> {
         }
         y
     }
+}
+
+/// `true` where an image leaves too much of what the baseline leaves of the runs that did not learn. `corrected`: rates of each run with the image
+/// and with the baseline.
+fn is_uncertain_elsewhere(runs: &[&Unseen<'_>], corrected: &[[[Vec<f64>; AXES]; 2]], a: usize) -> bool {
+    let misfits = runs.iter().zip(corrected).map(|(r, both)| {
+        let [image, baseline] = both.each_ref().map(|rates| {
+            let without_events = rates[a].iter().zip(&r.happened.sum_dph[a]).map(|(rate, event)| rate - event);
+            let means = r.means(&without_events.collect::<Vec<_>>());
+            // (What a model is uncertain by is no noise: it is another one on another profile.)
+            let square = (means.deviation().powi(2) - r.noise[a].floor().powi(2)).max(0.0);
+            Misfit { square, spread: means.spread_of_square() }
+        });
+        (image, baseline)
+    });
+    !holds_elsewhere(&misfits.collect::<Vec<_>>())
 }
 
 /// `true` if the root mean square of an image's residual, its constant included, is larger than that of other rates less a constant, by

@@ -63,6 +63,25 @@ pub fn borne_out<K: Copy>(each: &[(K, Agreement)]) -> Vec<K> {
     each.iter().filter(|(_, a)| together > THRESHOLD && a.speaks_for()).map(|(k, _)| *k).collect()
 }
 
+/// Mean square of what something leaves of a run beyond the noise.
+#[derive(Debug, Clone, Copy)]
+pub struct Misfit {
+    /// The mean square, (deg/h)^2.
+    pub square: f64,
+    /// Its deviation as a share of it: it is a few slow swings (`Means::spread_of_square`).
+    pub spread: f64,
+}
+
+/// `true` if an image leaves less than the baseline on a run with another profile, too, by more than chance. `runs`: misfit of the image and of
+/// the baseline on each run that did not learn. Those of another run are as far from their means as those of these runs are.
+#[must_use]
+pub fn holds_elsewhere(runs: &[(Misfit, Misfit)]) -> bool {
+    let n = runs.len().max(1) as f64;
+    let log = runs.iter().map(|(image, baseline)| (image.square / baseline.square).ln()).sum::<f64>() / n;
+    let variance = runs.iter().map(|(i, b)| i.spread * i.spread + b.spread * b.spread).sum::<f64>() / n;
+    log < -DEVIATIONS * (variance * (1.0 + 1.0 / n)).sqrt()
+}
+
 /// The predictions of a model for a run.
 pub struct Prediction {
     axes: [Option<OnAxis>; AXES],
@@ -271,4 +290,22 @@ fn sum(columns: &[Vec<f64>], gains: &[f64], n: usize) -> Vec<f64> {
         out.iter_mut().zip(column).for_each(|(o, x)| *o += g * x);
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_misfit_is_elsewhere_is_known_by_how_it_swings() {
+        let of = |share: f64, spread: f64| (Misfit { square: share, spread }, Misfit { square: 1.0, spread });
+        // exp(-2.39 * 0.5) = 0.303.
+        assert!(holds_elsewhere(&[of(0.29, 0.25)]) && !holds_elsewhere(&[of(0.31, 0.25)]));
+        assert!(holds_elsewhere(&[of(0.8, 0.04)]) && !holds_elsewhere(&[of(0.1, 0.5)]));
+        // A second run tells more, and both count alike.
+        assert!(
+            holds_elsewhere(&[of(0.34, 0.25), of(0.34, 0.25)]) && !holds_elsewhere(&[of(0.29, 0.25), of(1.0, 0.25)])
+        );
+        assert!(holds_elsewhere(&[of(0.0, 0.25)]) && !holds_elsewhere(&[of(f64::NAN, 0.25)]));
+    }
 }

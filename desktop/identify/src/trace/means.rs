@@ -1,6 +1,6 @@
 //! Means of a residual, over the seconds that the runs of a trace have agreed on: 100, or less where they are short.
 
-use hrg_data::numeric::stats::{block_means, mean, std_dev};
+use hrg_data::numeric::stats::{block_means, dot, mean, std_dev};
 
 /// Means of a residual.
 #[derive(Debug, Clone)]
@@ -41,6 +41,16 @@ impl Means {
     /// Standard deviation about their mean.
     pub fn deviation(&self) -> f64 {
         std_dev(&self.values)
+    }
+
+    /// Deviation of their mean square about the mean, as a share of it, as far as the series tells how it swings: `(sum of rho(k)^2 / n)^0.5` over
+    /// all lags `k`, where `rho` is its sample autocorrelation (Bartlett 1946).
+    pub fn spread_of_square(&self) -> f64 {
+        let mean = self.mean();
+        let about: Vec<f64> = self.values.iter().map(|v| if v.is_finite() { v - mean } else { 0.0 }).collect();
+        let square = dot(&about, &about).max(1e-300);
+        let rho = |k: usize| dot(&about[k..], &about[..about.len() - k]) / square;
+        ((1.0 + 2.0 * (1..about.len()).map(|k| rho(k).powi(2)).sum::<f64>()) / self.count().max(1) as f64).sqrt()
     }
 
     /// Their mean.
@@ -88,6 +98,23 @@ pub fn fall(before: &Means, after: &Means, floor: f64) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rand::{Rng, SeedableRng};
+
+    #[test]
+    fn a_mean_square_is_known_by_how_often_the_series_swings() {
+        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+        let white: Vec<f64> = (0..400).map(|_| random.random_range(-1.0..1.0)).collect();
+        let expected = (2.0f64 / 400.0).sqrt();
+        assert!((Means::of_means(&white).spread_of_square() / expected - 1.0).abs() < 0.15);
+        let swings = |count: f64| -> Vec<f64> { (0..400).map(|k| (f64::from(k) * count * 0.0157).sin()).collect() };
+        let one = Means::of_means(&swings(1.0)).spread_of_square();
+        assert!((0.4..0.9).contains(&one), "{one}");
+        // A gap adds nothing.
+        let mut gaps = white.clone();
+        gaps[100..200].fill(f64::NAN);
+        let with = Means::of_means(&gaps).spread_of_square();
+        assert!((with / (2.0f64 / 300.0).sqrt() - 1.0).abs() < 0.2, "{with}");
+    }
 
     #[test]
     fn runs_are_judged_about_their_own_mean() {

@@ -307,7 +307,7 @@ fn judged_on(
         burn: written.kind == Image::Extended
             && written.good
             && options.in_use.as_ref().is_none_or(|c| beats(&written, c, &on_verify))
-            && (options.repeat_is_enough || !verify_repeats_train),
+            && (options.repeat_is_enough || (!verify_repeats_train && written.holds_elsewhere())),
         image: written.kind,
         verdict: String::new(),
         baseline: table(&before_train, &before_verify, verify_run),

@@ -99,6 +99,9 @@ pub struct Judged {
     /// Set where a constant alone, no correction or the least-squares baseline leaves less than that, by more than the uncertainty of the day's constant; on an axis that holds a
     /// constant, where the raw rates are far better.
     pub worse_than_a_constant: bool,
+    /// Set where the image has effects and leaves too much of what the baseline leaves to say that it is better on another profile, too
+    /// ([`super::judge::holds_elsewhere`]).
+    pub uncertain_elsewhere: bool,
 }
 
 /// Rows that chose what is written.

@@ -85,16 +85,27 @@ fn burn(r: &Report) -> String {
     if r.burn {
         return format!("Burn the image: {figures}.");
     }
+    let axes = uncertain_elsewhere(r);
+    let elsewhere = format!(
+        "on {} it leaves too much of what the baseline leaves to be the better one on another profile, too (--judge RUN with a third one tells; --repeat-is-enough if the unit will never meet another)",
+        list(&axes)
+    );
     let why = match r.image {
         Image::Baseline if r.effects.is_empty() => return format!("Nothing beyond the baseline to burn: {figures}."),
         Image::Baseline => "no effect that a unit can compute was borne out, and the image is the baseline alone",
         _ if r.verify_repeats_train => "the verify run repeats the profile of a train run and shows nothing of other temperatures and ramps (--repeat-is-enough if the unit will never meet another)",
         _ if r.judge.values().any(|j| j.worse_than_a_constant) => "on an axis its error, the day's constant included, is larger than that of a constant alone, of no correction or of the baseline",
         _ if !judged_good(r) => "the run that judges does not bear it out",
+        _ if !axes.is_empty() => &elsewhere,
         _ => "it does not beat the image in use by more than its uncertainty",
     };
     let figures = figures.replacen("it", "It", 1);
     format!("Do not burn: {why}. {figures}.")
+}
+
+/// Axes on which the image may be worse than the baseline on another profile.
+fn uncertain_elsewhere(r: &Report) -> Vec<&String> {
+    r.judge.iter().filter(|(_, j)| j.uncertain_elsewhere).map(|(n, _)| n).collect()
 }
 
 /// `true` if the judge bears the extended axes out.

@@ -51,7 +51,8 @@ pub struct Arguments {
     /// says more of it than the train runs do.
     #[arg(long, value_name = "FAMILY", conflicts_with = "rates")]
     prior: Option<PathBuf>,
-    /// Recommend the burn even if the verify run only repeats the profile of a train run.
+    /// For a unit that will meet no other profile: recommend the burn even if the verify run only repeats the profile of a train run, or if the image
+    /// leaves too much to say what it does on another one.
     #[arg(long)]
     repeat_is_enough: bool,
     /// The quantities beside the frequencies that the unit itself has, by their columns, with commas between (drive_x_v, or drive for all

@@ -133,8 +133,8 @@ pub struct Search<'a> {
     active: [bool; AXES],
     /// Set to search among effects that a unit can compute, and events.
     unit_only: bool,
-    /// Set to search without the families that have a state.
-    no_families: bool,
+    /// Set to search without the groups of one kind that may stand for several effects.
+    without_kind: Option<Kind>,
 }
 
 impl<'a> Search<'a> {
@@ -158,7 +158,7 @@ impl<'a> Search<'a> {
             begin: Starts::default(),
             active: [true; AXES],
             unit_only: false,
-            no_families: false,
+            without_kind: None,
         };
         let starts = s.starts();
         s.begin = starts;
@@ -270,7 +270,7 @@ impl<'a> Search<'a> {
         let within = |c: &Candidate| !self.unit_only || c.on_unit() || c.facts.reach == Reach::Unpredictable;
         let offered: Vec<bool> = (0..self.candidates.len())
             .map(|k| {
-                let barred = self.no_families && k > RAMP && self.is_family_with_state(k);
+                let barred = k > RAMP && self.without_kind.is_some() && self.stands_for_several(k) == self.without_kind;
                 self.offered[k] && !barred && self.candidates[k].iter().all(within)
             })
             .collect();
@@ -459,26 +459,33 @@ impl<'a> Search<'a> {
         card.kind == Kind::Family && matches!(card.class, Class::Memory | Class::Hysteresis | Class::PowerOn)
     }
 
-    /// A model in which named forms stand in the place of a family of lags, plays or decays, if its score is higher: such a family may stand for
-    /// several effects at once, and no single one of them is better in its place.
+    /// Its kind, if a group may stand for several effects at once: a family of lags, plays or decays, and what is searched among many.
+    fn stands_for_several(&self, group: usize) -> Option<Kind> {
+        let kind = self.card(group).kind;
+        (kind == Kind::Searched || self.is_family_with_state(group)).then_some(kind)
+    }
+
+    /// A model in which other effects stand in the place of one that may stand for several at once, if its score is higher: no single one of
+    /// them is better in its place.
     fn named(&mut self, state: &State) -> Option<State> {
         let now = self.score(state);
-        let families: Vec<usize> =
-            (0..state.groups.len()).filter(|k| self.is_family_with_state(state.groups[*k])).collect();
-        self.no_families = true;
-        let others = families.into_iter().map(|k| {
+        let mut best: Option<(f64, State)> = None;
+        for k in 0..state.groups.len() {
+            let Some(kind) = self.stands_for_several(state.groups[k]) else { continue };
+            self.without_kind = Some(kind);
             let others = self.without(state, k);
             let others = self.refine_all(others);
             let mut next = self.extended(others);
             while let Some(fewer) = self.fewer(&next) {
                 next = self.extended(fewer);
             }
-            next
-        });
-        let others: Vec<State> = others.collect();
-        self.no_families = false;
-        let scored = others.into_iter().map(|s| (self.score(&s), s)).filter(|(score, _)| *score > now);
-        scored.max_by(|x, y| x.0.total_cmp(&y.0)).map(|(_, s)| s)
+            let score = self.score(&next);
+            if score > best.as_ref().map_or(now, |b| b.0) {
+                best = Some((score, next));
+            }
+        }
+        self.without_kind = None;
+        best.map(|b| b.1)
     }
 
     /// A model without one of its effects, if its score is higher once the others have moved: the first ones were refined beside what
