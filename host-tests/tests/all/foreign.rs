@@ -75,6 +75,7 @@ fn what_leaves_much_of_what_the_baseline_leaves_may_be_worse_on_another_profile(
     let (_, report) = traced("memory-asymmetric");
     assert!(!report.burn && report.judge.values().any(|j| j.uncertain_elsewhere), "{}", report.verdict);
     assert!(report.verdict.contains("the better one on another profile"), "{}", report.verdict);
+    assert!(report.verdict.contains("Next: record a run with a third profile"), "{}", report.verdict);
     let block = report.block.as_ref().expect("an image");
     assert!(block.iter().all(|(a, b)| b.verify_rms_dph < report.baseline[a].verify_rms_dph), "{}", report.verdict);
 }

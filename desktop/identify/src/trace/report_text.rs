@@ -254,6 +254,8 @@ fn turn_on(r: &Report) -> Option<String> {
 fn next(r: &Report) -> String {
     let step = if r.burn && r.unexplained.values().all(|u| !u) {
         "no further run is needed for the calibration; check the constants with a run of another day".to_string()
+    } else if !r.burn && judged_good(r) && !uncertain_elsewhere(r).is_empty() {
+        "record a run with a third profile and judge by it (--judge RUN)".to_string()
     } else {
         r.advice.first().cloned().unwrap_or_else(|| match r.verdict_kind {
             VerdictKind::NothingLacks if r.outside_fit > 0.5 => {
