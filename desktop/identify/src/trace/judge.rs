@@ -33,8 +33,10 @@ pub struct Agreement {
     /// Share of the predicted difference that the run shows, by generalised least squares: 1 where the larger model is right, 0 where the
     /// smaller one is.
     pub share: f64,
-    /// Its standard deviation.
+    /// Its standard deviation, by the noise.
     pub share_std: f64,
+    /// Standard deviation of a share of 1, by the uncertainty of the larger model's gains and parameters.
+    pub predicted_std: f64,
 }
 
 impl Agreement {
@@ -47,6 +49,13 @@ impl Agreement {
     #[must_use]
     pub fn wins(&self) -> bool {
         self.mse_fall > DEVIATIONS * self.mse_fall_std
+    }
+
+    /// `true` where the run shows the difference in another size than the larger model predicts, by more than chance: what it stands for is
+    /// something else.
+    #[must_use]
+    pub fn is_of_another_size(&self) -> bool {
+        self.share_std > 0.0 && (self.share - 1.0).abs() > DEVIATIONS * self.share_std.hypot(self.predicted_std)
     }
 
     /// `true` where the error rises by more than chance.
@@ -253,8 +262,8 @@ impl OnAxis {
         // model by its weight after this run, too, and what this model leaves counts as noise.
         let each = self.under_each(rows);
         let all = log_sum(&each);
-        let (mut share, mut square, mut of_noise) = (0.0, 0.0, 0.0);
-        for (u, e) in self.each.iter().map(|(u, _)| u).zip(&each) {
+        let (mut share, mut square, mut of_noise, mut of_model) = (0.0, 0.0, 0.0, 0.0);
+        for ((u, covariance), e) in self.each.iter().zip(&each) {
             let mut basis = Basis::default();
             let whitened = |mut x: Vec<f64>, basis: &Basis| {
                 rows.filters.whiten(u.noise_model, &mut x);
@@ -272,6 +281,11 @@ impl OnAxis {
             share += weight * s;
             square += weight * s * s;
             of_noise += weight * variance / length;
+            let shown = DVector::from_iterator(
+                self.columns.len(),
+                self.columns.iter().map(|c| dot(&whitened(c.clone(), &basis), &d) / length),
+            );
+            of_model += weight * (covariance * &shown).dot(&shown);
         }
         let share_std = (of_noise + (square - share * share).max(0.0)).sqrt();
         Agreement {
@@ -280,6 +294,7 @@ impl OnAxis {
             mse_fall_std: 2.0 * share_std * power / n,
             share,
             share_std,
+            predicted_std: of_model.max(0.0).sqrt(),
         }
     }
 }

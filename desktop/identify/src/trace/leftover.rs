@@ -6,6 +6,7 @@
 
 use super::data::{AxisRows, Data};
 use super::evidence::{Axis, Extension};
+use super::judge::Agreement;
 use super::model::Fitted;
 use super::noise::NOISE_MODELS;
 use super::odds::THRESHOLD;
@@ -59,18 +60,21 @@ pub fn on_verify(data: &Data<'_>, left: &[Vec<f64>; AXES]) -> [Vec<String>; AXES
     })
 }
 
-/// Effects that describe something and do not explain it, by axis: those that the verify run does not confirm, or cannot, and those in whose place
-/// an effect of another class is not excluded by the odds at which a claim is made.
+/// Effects that describe something and do not explain it, by axis: those that the verify run does not confirm, or cannot, those in whose place
+/// an effect of another class is not excluded by the odds at which a claim is made, and those that the verify run shows in another size.
 pub fn not_explained(effects: &[Found]) -> [Vec<String>; AXES] {
     [0, 1, 2].map(|a: usize| {
         let here = effects.iter().filter(|e| e.axes.contains_key(AXIS_NAMES[a]));
         let mut left: Vec<String> = here
             .filter_map(|e| {
                 let why = match e.confirmed {
-                    Some(true) => {
-                        let other = other_class(e.class, e.score, &e.rank)?;
-                        format!("and {other} of another class is not excluded by odds of 99 to 1")
-                    }
+                    Some(true) => match other_class(e.class, e.score, &e.rank) {
+                        Some(other) => format!("and {other} of another class is not excluded by odds of 99 to 1"),
+                        None if e.on_verify.get(AXIS_NAMES[a]).is_some_and(Agreement::is_of_another_size) => {
+                            "which the verify run shows in another size".into()
+                        }
+                        None => return None,
+                    },
                     Some(false) => "which the verify run does not confirm".into(),
                     None if e.class == Class::Event => "and no other run can confirm it".into(),
                     None => "whose input the verify run does not have".into(),

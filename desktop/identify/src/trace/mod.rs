@@ -988,6 +988,18 @@ mod tests {
     }
 
     #[test]
+    fn what_another_run_shows_in_another_size_is_not_explained() {
+        let train = plan("cycle", &["thermal-lag:size=3"], 71, 143);
+        for (size, same) in [("2.5", false), ("3", true)] {
+            let verify = plan("verify", &[&format!("thermal-lag:size={size}")], 71, 144);
+            let r = trace(std::slice::from_ref(&train), &verify).expect("traces").report;
+            assert_eq!((&names(&r)[..], r.effects[0].confirmed), (&["thermal-lag"][..], Some(true)), "{}", r.verdict);
+            let told = |l: &String| l.ends_with("which the verify run shows in another size");
+            assert!(r.left_over.values().all(|l| l.iter().any(told) != same), "{size}: {:?}", r.left_over);
+        }
+    }
+
+    #[test]
     fn a_named_event_is_a_column_of_the_baseline_that_is_written() {
         // A step, or a shock that recovers, in the train run only: on another day it is not there.
         for (k, event) in ["step:size=6", "shock:time_s=9000,tau_s=2500,size=6"].into_iter().enumerate() {
