@@ -36,7 +36,11 @@ pub struct Share {
     pub variance: f64,
 }
 
-/// One axis under one noise model: columns whitened and free of the baseline.
+/// One axis under one noise model.
+///
+/// Whitened columns are not kept, as there are hundreds of them for each noise model: with `W` the whitening and `Q` an orthonormal basis of the
+/// whitened baseline, the product of two columns is `c' W' (I - Q Q') W d`. One of the two is *weighed*, `W' (I - Q Q') W d`, and its products with all
+/// columns are plain ones.
 #[derive(Debug)]
 struct View {
     /// Number of the noise model.
@@ -49,9 +53,12 @@ struct View {
     free: f64,
     /// Part of the log-likelihood that belongs to the noise model alone.
     constant: f64,
-    columns: Vec<Vec<f64>>,
-    /// Products with the rates.
+    /// Products of the columns with the rates.
     b: Vec<f64>,
+    /// `true` for a column of which the baseline leaves something.
+    there: Vec<bool>,
+    /// Columns that were weighed.
+    weighed: Vec<OnceCell<Vec<f64>>>,
     /// Products of a column with others; NaN where they were not asked for.
     products: Vec<Vec<f64>>,
     /// Products of the columns of each group with each other.
@@ -82,8 +89,9 @@ impl View {
             squares,
             free,
             constant,
-            columns: vec![],
             b: vec![],
+            there: vec![],
+            weighed: vec![],
             products: vec![],
             own: vec![],
             steps: OnceCell::new(),
@@ -91,47 +99,99 @@ impl View {
     }
 
     /// A column whitened and free of the baseline.
-    fn free_of_baseline(&self, rows: &AxisRows, mut c: Vec<f64>) -> Vec<f64> {
-        rows.filters.whiten(self.noise_model, &mut c);
+    fn free_of_baseline(&self, rows: &AxisRows, c: &[f64]) -> Vec<f64> {
+        let mut c = rows.filters.whitened(self.noise_model, c);
         self.take_off_baseline(&mut c);
         c
     }
 
-    fn take_off_baseline(&self, c: &mut [f64]) {
+    /// Leaves nothing of a whitened column that the baseline spans, and gives `false` then.
+    fn take_off_baseline(&self, c: &mut [f64]) -> bool {
         let before = dot(c, c);
         self.base.reduce(c);
-        if dot(c, c) < 1e-9 * before {
+        let left = dot(c, c) >= 1e-9 * before;
+        if !left {
             c.fill(0.0);
         }
+        left
     }
 
-    /// Adds a whitened column.
-    fn push(&mut self, mut c: Vec<f64>) {
-        self.take_off_baseline(&mut c);
-        self.b.push(dot(&c, &self.y));
-        self.columns.push(c);
+    /// Adds a column, given whitened.
+    fn push(&mut self, white: &mut [f64]) {
+        self.there.push(self.take_off_baseline(white));
+        self.b.push(dot(white, &self.y));
+        self.weighed.push(OnceCell::new());
         self.products.push(Vec::new());
     }
 
+    fn truncate(&mut self, groups: usize, columns: usize) {
+        self.own.truncate(groups);
+        self.b.truncate(columns);
+        self.there.truncate(columns);
+        self.weighed.truncate(columns);
+        self.products.truncate(columns);
+        self.products.iter_mut().for_each(|p| p.truncate(columns));
+    }
+
+    /// A column, weighed.
+    fn weighed(&self, rows: &AxisRows, columns: &[Vec<f64>], i: usize) -> &[f64] {
+        let weigh = || rows.filters.transposed(self.noise_model, self.free_of_baseline(rows, &columns[i]));
+        self.weighed[i].get_or_init(weigh)
+    }
+
     /// Product of two columns.
-    fn product(&self, i: usize, j: usize) -> f64 {
+    fn product(&self, rows: &AxisRows, columns: &[Vec<f64>], i: usize, j: usize) -> f64 {
         let known = |i: usize, j: usize| self.products[i].get(j).copied().filter(|p| !p.is_nan());
-        known(i, j).or_else(|| known(j, i)).unwrap_or_else(|| dot(&self.columns[i], &self.columns[j]))
+        let (i, j) = if self.weighed[i].get().is_none() && self.weighed[j].get().is_some() { (j, i) } else { (i, j) };
+        known(i, j).or_else(|| known(j, i)).unwrap_or_else(|| self.product_of(rows, columns, i, j))
+    }
+
+    fn product_of(&self, rows: &AxisRows, columns: &[Vec<f64>], i: usize, j: usize) -> f64 {
+        if self.there[j] {
+            dot(self.weighed(rows, columns, i), &columns[j])
+        } else {
+            0.0
+        }
     }
 
     /// Makes the products of these columns with each other and with some more known.
-    fn know(&mut self, columns: &[usize], with: &[usize]) {
-        for &i in columns {
-            self.products[i].resize(self.columns.len(), f64::NAN);
+    fn know(&mut self, rows: &AxisRows, columns: &[Vec<f64>], own: &[usize], with: &[usize]) {
+        for &i in own {
+            self.products[i].resize(columns.len(), f64::NAN);
         }
         // (Each of the many columns is fetched once.)
-        for &j in columns.iter().chain(with) {
-            for &i in columns {
+        for &j in own.iter().chain(with) {
+            for &i in own {
                 if self.products[i][j].is_nan() {
-                    self.products[i][j] = dot(&self.columns[j], &self.columns[i]);
+                    self.products[i][j] = self.product_of(rows, columns, i, j);
                 }
             }
         }
+    }
+}
+
+/// Columns of a new group: those that are there, by number, and new ones.
+pub enum Part {
+    /// Numbers of columns.
+    There(Vec<usize>),
+    /// Columns that no group has yet.
+    New(Vec<Vec<f64>>),
+}
+
+/// The products of the columns of a model under one noise model, with each other and with the rates.
+struct Products {
+    with_each_other: DMatrix<f64>,
+    with_rates: DVector<f64>,
+}
+
+impl Products {
+    /// `I + D^1/2 G D^1/2` factored, and `D^1/2 b`; `root` is the diagonal of `D^1/2`.
+    fn factor(&self, root: &[f64]) -> Option<(Cholesky<f64, Dyn>, DVector<f64>)> {
+        let m = DMatrix::from_fn(root.len(), root.len(), |i, j| {
+            root[i] * root[j] * self.with_each_other[(i, j)] + f64::from(u8::from(i == j))
+        });
+        let c = DVector::from_fn(root.len(), |i, _| root[i] * self.with_rates[i]);
+        Some((m.cholesky()?, c))
     }
 }
 
@@ -168,6 +228,8 @@ pub struct AxisModel {
 /// All that is known of one axis.
 pub struct Axis<'d> {
     rows: &'d AxisRows,
+    /// The columns, of unit deviation.
+    columns: Vec<Vec<f64>>,
     views: Vec<View>,
     /// Columns of each group; `None` where the axis does not have what the group needs.
     groups: Vec<Option<Vec<usize>>>,
@@ -184,8 +246,9 @@ impl<'d> Axis<'d> {
     pub fn new(rows: &'d AxisRows) -> Self {
         let views: Vec<View> = (0..NOISE_MODELS.len()).map(|s| View::new(rows, s)).collect();
         let limit = views[0].squares / views[0].free;
-        let mut axis = Self { rows, views, groups: vec![], scale: vec![], limit, extended: HashMap::new() };
-        axis.push(Some(rows.base[TEMPERATURE_TERMS..TERMS].to_vec()));
+        let (columns, groups, scale) = (vec![], vec![], vec![]);
+        let mut axis = Self { rows, columns, views, groups, scale, limit, extended: HashMap::new() };
+        axis.push(Some(vec![Part::New(rows.base[TEMPERATURE_TERMS..TERMS].to_vec())]));
         axis
     }
 
@@ -194,48 +257,47 @@ impl<'d> Axis<'d> {
         self.best(&[Share { group: RAMP, variance: 1.0 }])
     }
 
-    /// Adds a group of new columns; `None` where it is missing.
-    pub fn push(&mut self, columns: Option<Vec<Vec<f64>>>) {
-        let group = columns.map(|c| self.add_columns(c));
-        self.push_group(group);
-    }
-
-    /// Adds columns that no group has yet; gives their numbers.
-    pub fn add_columns(&mut self, columns: Vec<Vec<f64>>) -> Vec<usize> {
-        let from = self.scale.len();
-        for mut c in columns {
-            self.scale.push(to_unit_deviation(&mut c));
-            for (v, c) in self.views.iter_mut().zip(self.rows.filters.whiten_by_all(&c)) {
-                v.push(c);
+    /// Adds a group; `None` where it is missing.
+    pub fn push(&mut self, group: Option<Vec<Part>>) {
+        let from = self.columns.len();
+        let numbers = group.map(|parts| parts.into_iter().flat_map(|p| self.numbers_of(p)).collect::<Vec<_>>());
+        let own = numbers.as_deref().unwrap_or_default();
+        let mut white: Vec<_> = own.iter().map(|k| self.rows.filters.whiten_by_all(&self.columns[*k])).collect();
+        for (s, v) in self.views.iter_mut().enumerate() {
+            for (&k, white) in own.iter().zip(&mut white) {
+                if k < from {
+                    v.take_off_baseline(&mut white[s]);
+                } else {
+                    v.push(&mut white[s]);
+                }
             }
+            v.own.push(symmetric(own.len(), |i, j| dot(&white[i][s], &white[j][s])));
         }
-        (from..self.scale.len()).collect()
+        self.groups.push(numbers);
     }
 
-    /// Adds a group of columns that are there; `None` where it is missing.
-    pub fn push_group(&mut self, group: Option<Vec<usize>>) {
-        for v in &mut self.views {
-            let x = group.as_deref().unwrap_or_default();
-            v.own.push(symmetric(x.len(), |i, j| dot(&v.columns[x[i]], &v.columns[x[j]])));
+    /// The numbers of a part's columns; new ones are scaled and kept.
+    fn numbers_of(&mut self, part: Part) -> Vec<usize> {
+        let new = match part {
+            Part::There(numbers) => return numbers,
+            Part::New(columns) => columns,
+        };
+        let from = self.columns.len();
+        for mut c in new {
+            self.scale.push(to_unit_deviation(&mut c));
+            self.columns.push(c);
         }
-        self.groups.push(group);
+        (from..self.columns.len()).collect()
     }
 
     /// Takes back all groups from number `count` on.
     pub fn truncate(&mut self, count: usize) {
-        for v in &mut self.views {
-            v.own.truncate(count);
-        }
         self.groups.truncate(count);
         self.extended.values_mut().for_each(|e| e.truncate(count));
         let columns = self.groups.iter().flatten().flatten().max().map_or(0, |k| k + 1);
         self.scale.truncate(columns);
-        for v in &mut self.views {
-            v.columns.truncate(columns);
-            v.b.truncate(columns);
-            v.products.truncate(columns);
-            v.products.iter_mut().for_each(|p| p.truncate(columns));
-        }
+        self.columns.truncate(columns);
+        self.views.iter_mut().for_each(|v| v.truncate(count, columns));
     }
 
     /// Columns of a group.
@@ -243,24 +305,33 @@ impl<'d> Axis<'d> {
         self.groups[group].as_deref()
     }
 
-    fn expand(&self, shares: &[Share]) -> (Vec<usize>, Vec<f64>) {
-        let (mut columns, mut root) = (Vec::new(), Vec::new());
-        for s in shares {
-            let own = self.columns_of(s.group).unwrap_or_default();
-            root.extend(std::iter::repeat_n(s.variance.sqrt(), own.len()));
-            columns.extend_from_slice(own);
-        }
-        (columns, root)
+    /// Numbers of the columns of a model.
+    fn columns_in(&self, shares: &[Share]) -> Vec<usize> {
+        shares.iter().flat_map(|s| self.columns_of(s.group).unwrap_or_default()).copied().collect()
     }
 
-    /// `I + D^1/2 G D^1/2` factored, and `D^1/2 b`.
-    fn factor(&self, s: usize, columns: &[usize], root: &[f64]) -> Option<(Cholesky<f64, Dyn>, DVector<f64>)> {
-        let v = &self.views[s];
-        let p = columns.len();
-        let unit = |i: usize, j: usize| f64::from(u8::from(i == j));
-        let m = symmetric(p, |i, j| root[i] * root[j] * v.product(columns[i], columns[j]) + unit(i, j));
-        let c = DVector::from_fn(p, |i, _| root[i] * v.b[columns[i]]);
-        Some((m.cholesky()?, c))
+    /// Deviations of the gains of the columns of a model.
+    fn deviations_in(&self, shares: &[Share]) -> Vec<f64> {
+        let of = |s: &Share| std::iter::repeat_n(s.variance.sqrt(), self.columns_of(s.group).map_or(0, <[usize]>::len));
+        shares.iter().flat_map(of).collect()
+    }
+
+    /// Products of the columns of a model under one noise model.
+    fn products(&self, s: usize, shares: &[Share]) -> Products {
+        let (v, columns) = (&self.views[s], self.columns_in(shares));
+        let of_group = |share: usize| self.columns_of(shares[share].group).map_or(0, <[usize]>::len);
+        let place = |share: usize| (0..of_group(share)).map(move |k| (share, k));
+        let place: Vec<(usize, usize)> = (0..shares.len()).flat_map(place).collect();
+        let with_each_other = symmetric(columns.len(), |i, j| {
+            let ((share, k), (other, l)) = (place[i], place[j]);
+            if share == other {
+                v.own[shares[share].group][(k, l)]
+            } else {
+                v.product(self.rows, &self.columns, columns[i], columns[j])
+            }
+        });
+        let with_rates = DVector::from_fn(columns.len(), |i, _| v.b[columns[i]]);
+        Products { with_each_other, with_rates }
     }
 
     fn of(&self, s: usize, left: f64, determinant: f64) -> f64 {
@@ -269,19 +340,16 @@ impl<'d> Axis<'d> {
     }
 
     /// Finds the variances of highest evidence under one noise model, by fixed-point steps.
-    fn optimise(&self, s: usize, shares: &mut [Share]) -> f64 {
-        if shares.is_empty() {
-            return self.of(s, self.views[s].squares, 0.0);
-        }
+    fn optimise(&self, s: usize, products: &Products, shares: &mut [Share]) {
         let mut last = f64::NEG_INFINITY;
         for step in 0..STEPS {
-            let (columns, root) = self.expand(shares);
-            let Some((f, c)) = self.factor(s, &columns, &root) else { return last };
+            let root = self.deviations_in(shares);
+            let Some((f, c)) = products.factor(&root) else { return };
             let z = f.solve(&c);
             let left = self.views[s].squares - c.dot(&z);
             let evidence = self.of(s, left, log_determinant(&f));
             if step > 2 && evidence < last + 0.02 {
-                return evidence.max(last);
+                return;
             }
             last = evidence;
             let noise = (left / self.views[s].free).max(1e-300);
@@ -298,7 +366,6 @@ impl<'d> Axis<'d> {
                 share.variance = (share.variance * ratio).clamp(1e-10, most);
             }
         }
-        last
     }
 
     fn most(&self, noise: f64) -> f64 {
@@ -309,10 +376,11 @@ impl<'d> Axis<'d> {
     /// over all noise models by their probabilities before the data are seen.
     pub fn best(&self, shares: &[Share]) -> AxisModel {
         let mut own = shares.to_vec();
-        let (mut each, mut best) = self.under_each(&own);
+        let products: [Products; NOISE_MODELS.len()] = std::array::from_fn(|s| self.products(s, shares));
+        let (mut each, mut best) = self.under_each(&products, &own);
         for _ in 0..3 {
-            self.optimise(best, &mut own);
-            let (now, next) = self.under_each(&own);
+            self.optimise(best, &products[best], &mut own);
+            let (now, next) = self.under_each(&products, &own);
             each = now;
             if next == best {
                 break;
@@ -323,16 +391,28 @@ impl<'d> Axis<'d> {
     }
 
     /// Log evidence under each noise model, variances as they are, and the number of the best.
-    fn under_each(&self, shares: &[Share]) -> ([f64; NOISE_MODELS.len()], usize) {
-        let each = std::array::from_fn(|s| self.evidence(s, shares));
+    fn under_each(
+        &self,
+        products: &[Products; NOISE_MODELS.len()],
+        shares: &[Share],
+    ) -> ([f64; NOISE_MODELS.len()], usize) {
+        let root = self.deviations_in(shares);
+        let each = std::array::from_fn(|s| self.evidence(s, &products[s], &root));
         let best = (0..each.len()).max_by(|x: &usize, y| each[*x].total_cmp(&each[*y])).unwrap_or(0);
         (each, best)
     }
 
+    /// Log evidence under one noise model.
+    fn evidence(&self, s: usize, products: &Products, root: &[f64]) -> f64 {
+        let Some((f, c)) = products.factor(root) else { return f64::NEG_INFINITY };
+        let left = self.views[s].squares - c.dot(&f.solve(&c));
+        self.of(s, left, log_determinant(&f))
+    }
+
     fn base(&mut self, s: usize, shares: &[Share], more: &[usize]) -> Option<Base> {
-        let (columns, root) = self.expand(shares);
-        self.views[s].know(&columns, more);
-        let (f, c) = self.factor(s, &columns, &root)?;
+        let (columns, root) = (self.columns_in(shares), self.deviations_in(shares));
+        self.views[s].know(self.rows, &self.columns, &columns, more);
+        let (f, c) = self.products(s, shares).factor(&root)?;
         let v = &self.views[s];
         let mut half = DMatrix::from_fn(columns.len(), more.len(), |i, j| root[i] * v.products[columns[i]][more[j]]);
         f.l_dirty().solve_lower_triangular_mut(&mut half);
@@ -398,15 +478,16 @@ impl<'d> Axis<'d> {
 
     /// Log likelihood of rows that a model did not see: each sixth of the rows predicted from the others.
     pub fn cross_validated(&self, model: &AxisModel) -> f64 {
-        let (columns, root) = self.expand(&model.shares);
+        let (columns, root) = (self.columns_in(&model.shares), self.deviations_in(&model.shares));
         let v = &self.views[model.noise_model];
         let (p, n) = (columns.len(), v.y.len());
         let mut error = 0.0;
-        let whole = symmetric(p, |i, j| dot(&v.columns[columns[i]], &v.columns[columns[j]]));
+        let white: Vec<Vec<f64>> = columns.iter().map(|c| self.column(model.noise_model, *c)).collect();
+        let whole = symmetric(p, |i, j| dot(&white[i], &white[j]));
         for f in 0..FOLDS {
             let part = n * f / FOLDS..n * (f + 1) / FOLDS;
             let y = &v.y[part.clone()];
-            let x: Vec<&[f64]> = columns.iter().map(|c| &v.columns[*c][part.clone()]).collect();
+            let x: Vec<&[f64]> = white.iter().map(|c| &c[part.clone()]).collect();
             let b: Vec<f64> = x.iter().map(|c| dot(c, y)).collect();
             let m = symmetric(p, |i, j| {
                 root[i] * root[j] * (whole[(i, j)] - dot(x[i], x[j])) + f64::from(u8::from(i == j))
@@ -420,52 +501,42 @@ impl<'d> Axis<'d> {
         self.of(model.noise_model, error, 0.0)
     }
 
-    /// Log evidence of a model with its variances as they are, under one noise model.
-    pub fn evidence(&self, noise_model: usize, shares: &[Share]) -> f64 {
-        let (columns, root) = self.expand(shares);
-        let Some((f, c)) = self.factor(noise_model, &columns, &root) else { return f64::NEG_INFINITY };
-        let left = self.views[noise_model].squares - c.dot(&f.solve(&c));
-        self.of(noise_model, left, log_determinant(&f))
-    }
-
     /// Evidence of a model with other columns in the place of one of its groups: variances and noise model stay.
-    pub fn evidence_with(&self, model: &AxisModel, group: usize, columns: Vec<Vec<f64>>) -> f64 {
-        let v = &self.views[model.noise_model];
-        let fresh: Vec<Vec<f64>> = columns
-            .into_iter()
-            .map(|mut c| {
-                to_unit_deviation(&mut c);
-                v.free_of_baseline(self.rows, c)
-            })
-            .collect();
+    pub fn evidence_with(&self, model: &AxisModel, group: usize, mut columns: Vec<Vec<f64>>) -> f64 {
+        let s = model.noise_model;
+        let v = &self.views[s];
+        columns.iter_mut().for_each(|c| _ = to_unit_deviation(c));
+        let fresh: Vec<Vec<f64>> = columns.iter().map(|c| v.free_of_baseline(self.rows, c)).collect();
         let others: Vec<Share> = model.shares.iter().filter(|s| s.group != group).copied().collect();
         let own = model.shares.iter().find(|s| s.group == group).map_or(0.0, |s| s.variance.sqrt());
-        let (known, mut root) = self.expand(&others);
+        let (known, mut root) = (self.columns_in(&others), self.deviations_in(&others));
         root.extend(std::iter::repeat_n(own, fresh.len()));
-        let (p, n) = (known.len(), root.len());
-        let product = |i: usize, j: usize| match (i < p, j < p) {
-            (true, true) => v.product(known[i], known[j]),
-            (true, false) => dot(&v.columns[known[i]], &fresh[j - p]),
-            (false, true) => dot(&fresh[i - p], &v.columns[known[j]]),
-            (false, false) => dot(&fresh[i - p], &fresh[j - p]),
-        };
-        let m = symmetric(n, |i, j| root[i] * root[j] * product(i, j) + f64::from(u8::from(i == j)));
-        let c = DVector::from_fn(n, |i, _| root[i] * if i < p { v.b[known[i]] } else { dot(&fresh[i - p], &v.y) });
-        let Some(f) = m.cholesky() else { return f64::NEG_INFINITY };
-        self.of(model.noise_model, v.squares - c.dot(&f.solve(&c)), log_determinant(&f))
+        let (p, n, there) = (known.len(), root.len(), self.products(s, &others));
+        let with_each_other = symmetric(n, |i, j| match (i < p, j < p) {
+            (true, true) => there.with_each_other[(i, j)],
+            // (The lower triangle is asked for.)
+            (_, true) if fresh[i - p].iter().any(|x| *x != 0.0) => {
+                dot(v.weighed(self.rows, &self.columns, known[j]), &columns[i - p])
+            }
+            (_, true) => 0.0,
+            (_, false) => dot(&fresh[i - p], &fresh[j - p]),
+        });
+        let of_rates = |i: usize, _| if i < p { there.with_rates[i] } else { dot(&fresh[i - p], &v.y) };
+        self.evidence(s, &Products { with_each_other, with_rates: DVector::from_fn(n, of_rates) }, &root)
     }
 
     /// Residual of the rates after a model: whitened by a noise model, free of the baseline.
     pub fn left(&self, noise_model: usize, shares: &[Share]) -> Vec<f64> {
-        let (columns, root) = self.expand(shares);
-        let Some((f, c)) = self.factor(noise_model, &columns, &root) else { return vec![] };
+        let (columns, root) = (self.columns_in(shares), self.deviations_in(shares));
+        let Some((f, c)) = self.products(noise_model, shares).factor(&root) else { return vec![] };
         let z = f.solve(&c);
         let v = &self.views[noise_model];
-        let mut y = v.y.clone();
-        for (i, c) in columns.iter().enumerate() {
-            take_off(&mut y, root[i] * z[i], &v.columns[*c]);
+        let mut sum = vec![0.0; v.y.len()];
+        for (i, c) in columns.iter().enumerate().filter(|(_, c)| v.there[**c]) {
+            take_off(&mut sum, -root[i] * z[i], &self.columns[*c]);
         }
-        y
+        let explained = v.free_of_baseline(self.rows, &sum);
+        v.y.iter().zip(&explained).map(|(y, e)| y - e).collect()
     }
 
     /// Squares of a step at each row, free of the baseline.
@@ -475,8 +546,8 @@ impl<'d> Axis<'d> {
     }
 
     /// A whitened column, free of the baseline.
-    pub fn column(&self, noise_model: usize, column: usize) -> &[f64] {
-        &self.views[noise_model].columns[column]
+    pub fn column(&self, noise_model: usize, column: usize) -> Vec<f64> {
+        self.views[noise_model].free_of_baseline(self.rows, &self.columns[column])
     }
 }
 

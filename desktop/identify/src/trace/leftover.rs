@@ -5,7 +5,7 @@
 //! (The residual on the verify run is judged by [`super::floor`].)
 
 use super::data::{AxisRows, Data};
-use super::evidence::{Axis, Extension};
+use super::evidence::{Axis, Extension, Part};
 use super::judge::Agreement;
 use super::model::Fitted;
 use super::noise::NOISE_MODELS;
@@ -50,7 +50,7 @@ pub fn on_verify(data: &Data<'_>, left: &[Vec<f64>; AXES]) -> [Vec<String>; AXES
         let rows = AxisRows { y: left[a].clone(), base, ..rows.clone() };
         let mut axis = Axis::new(&rows);
         let nothing = axis.baseline_model();
-        columns.into_iter().for_each(|c| axis.push(Some(c)));
+        columns.into_iter().for_each(|c| axis.push(Some(vec![Part::New(c)])));
         let offered = vec![true; names.len() + 1];
         let least = least(names.len());
         let gains = axis.extensions(&nothing, &offered).split_off(1);

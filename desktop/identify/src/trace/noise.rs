@@ -240,6 +240,18 @@ impl Filters {
         out
     }
 
+    /// The transposed whitening: the inner product of the result with a column is that of `x` with the whitened column.
+    pub fn transposed(&self, s: usize, mut x: Vec<f64>) -> Vec<f64> {
+        self.along(s, &mut x, |share| share);
+        let mut after = 0.0;
+        for (k, v) in x.iter_mut().enumerate().rev() {
+            let new = self.scale[k][s] * *v;
+            *v = new + self.take[k][s] * after;
+            after = self.keep[k][s] * after - new;
+        }
+        x
+    }
+
     /// For each row, the product of a whitened column with a whitened step at that row, which lasts to row `to`.
     pub fn steps(&self, s: usize, x: &[f64], from: usize, to: usize) -> Vec<f64> {
         let mut x = Cow::Borrowed(x);
@@ -412,6 +424,7 @@ mod tests {
             let of_step = filters.whitened(s, &step);
             assert!((filters.steps(s, &x, second, n)[8] - dot(&x, &of_step)).abs() < 1e-9);
             assert!((filters.square_of_step(s, 20, n) - dot(&of_step, &of_step)).abs() < 1e-9);
+            assert!((dot(&x, &filters.transposed(s, x.clone())) - dot(&x, &white)).abs() < 1e-9);
             let back = filters.backwards(s, &x);
             assert!((dot(&white, &back) - dot(&x, &x)).abs() < 1e-6);
         }
@@ -428,6 +441,8 @@ mod tests {
             let mut w = x.clone();
             filters.whiten(s, &mut w);
             let (one, other) = (dot(&w, &filters.backwards(s, &y)), dot(&x, &y));
+            assert!((one - other).abs() < 1e-9, "{s}: {one} {other}");
+            let (one, other) = (dot(&w, &y), dot(&x, &filters.transposed(s, y.clone())));
             assert!((one - other).abs() < 1e-9, "{s}: {one} {other}");
         }
     }

@@ -6,7 +6,7 @@
 //! takes the place of one where the score is higher.
 
 use super::data::{AxisByAxis, Candidate, Data, Starts};
-use super::evidence::{Axis, AxisModel, Share, RAMP};
+use super::evidence::{Axis, AxisModel, Part, Share, RAMP};
 use super::model::{Specification, Term, TEMPERATURE_TERMS};
 use super::odds::{self, THRESHOLD};
 use super::proposals::{self, Left};
@@ -219,15 +219,15 @@ impl<'a> Search<'a> {
         let alone: Vec<Option<usize>> = c.iter().map(|part| self.alone(part)).collect();
         let mut columns: Vec<AxisByAxis<'_>> = c.iter().map(AxisByAxis::new).collect();
         for a in 0..AXES {
-            let each: Option<Vec<Vec<usize>>> = alone
+            let each: Option<Vec<Part>> = alone
                 .iter()
                 .zip(&mut columns)
                 .map(|(alone, columns)| match alone {
-                    Some(k) => self.axes[a].columns_of(*k).map(<[usize]>::to_vec),
-                    None => columns.on(self.data, a).map(|columns| self.axes[a].add_columns(columns)),
+                    Some(k) => self.axes[a].columns_of(*k).map(|k| Part::There(k.to_vec())),
+                    None => columns.on(self.data, a).map(Part::New),
                 })
                 .collect();
-            self.axes[a].push_group(each.map(|e| e.concat()));
+            self.axes[a].push(each);
         }
         self.candidates.push(c);
         self.tries.push(tries);
@@ -647,7 +647,7 @@ impl<'a> Search<'a> {
     pub fn evidence_of(&mut self, model: &Model, a: usize, groups: Vec<Vec<Vec<f64>>>) -> Vec<f64> {
         let (count, more) = (self.candidates.len(), groups.len());
         for columns in groups {
-            self.axes[a].push(Some(columns));
+            self.axes[a].push(Some(vec![Part::New(columns)]));
         }
         let state = &model.state.axes[a];
         let mut offered = vec![false; count];

@@ -106,7 +106,7 @@ impl Search<'_> {
     fn basis(&self, groups: &[usize], a: usize, noise_model: usize) -> Basis {
         let mut basis = Basis::default();
         for c in groups.iter().flat_map(|g| self.axes[a].columns_of(*g).unwrap_or_default()) {
-            basis.add(self.axes[a].column(noise_model, *c).to_vec());
+            basis.add(self.axes[a].column(noise_model, *c));
         }
         basis
     }
