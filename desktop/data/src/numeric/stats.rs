@@ -42,6 +42,42 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     sum_of_products(a, b)
 }
 
+/// Inner products of four columns with one: each as [`dot`] gives it, in less time than four of them.
+#[multiversion::multiversion(targets("x86_64+avx2", "x86_64+avx512f"))]
+#[must_use]
+pub fn four_dots(a: [&[f64]; 4], b: &[f64]) -> [f64; 4] {
+    let n = b.len();
+    let (p, q, r, s) = (&a[0][..n], &a[1][..n], &a[2][..n], &a[3][..n]);
+    let (mut of_p, mut of_q, mut of_r, mut of_s) = ([0.0; 8], [0.0; 8], [0.0; 8], [0.0; 8]);
+    for at in (0..n / 8 * 8).step_by(8) {
+        let part = at..at + 8;
+        add_products(&mut of_p, &p[part.clone()], &b[part.clone()]);
+        add_products(&mut of_q, &q[part.clone()], &b[part.clone()]);
+        add_products(&mut of_r, &r[part.clone()], &b[part.clone()]);
+        add_products(&mut of_s, &s[part.clone()], &b[part]);
+    }
+    let rest = n / 8 * 8..n;
+    [
+        sum_with_rest(&of_p, &p[rest.clone()], &b[rest.clone()]),
+        sum_with_rest(&of_q, &q[rest.clone()], &b[rest.clone()]),
+        sum_with_rest(&of_r, &r[rest.clone()], &b[rest.clone()]),
+        sum_with_rest(&of_s, &s[rest.clone()], &b[rest]),
+    ]
+}
+
+#[inline(always)]
+fn add_products(sums: &mut [f64; 8], a: &[f64], b: &[f64]) {
+    for k in 0..8 {
+        sums[k] += a[k] * b[k];
+    }
+}
+
+/// (Not inlined: the compiler would keep the four sums of each place side by side, in the place of the eight places of each sum.)
+#[inline(never)]
+fn sum_with_rest(sums: &[f64; 8], a: &[f64], b: &[f64]) -> f64 {
+    sums.iter().sum::<f64>() + a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>()
+}
+
 /// Median; reorders `values`. `None` if empty.
 pub fn median(values: &mut [f64]) -> Option<f64> {
     let n = values.len();

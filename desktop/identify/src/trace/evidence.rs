@@ -11,7 +11,7 @@ use super::noise::{Basis, NOISE_MODELS};
 use super::proposals::free_steps;
 use crate::matrices::{log_determinant, symmetric};
 use hrg_core::bias::TERMS;
-use hrg_data::numeric::stats::{dot, log_sum, std_dev, take_off};
+use hrg_data::numeric::stats::{dot, four_dots, log_sum, std_dev, take_off};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use std::cell::OnceCell;
 use std::collections::HashMap;
@@ -158,12 +158,19 @@ impl View {
     fn know(&mut self, rows: &AxisRows, columns: &[Vec<f64>], own: &[usize], with: &[usize]) {
         for &i in own {
             self.products[i].resize(columns.len(), f64::NAN);
+            self.weighed(rows, columns, i);
         }
-        // (Each of the many columns is fetched once.)
-        for &j in own.iter().chain(with) {
-            for &i in own {
-                if self.products[i][j].is_nan() {
-                    self.products[i][j] = self.product_of(rows, columns, i, j);
+        // (So few columns at once that they stay near the processor.)
+        let all: Vec<usize> = own.iter().chain(with).copied().collect();
+        for some in all.chunks(16) {
+            for four in own.chunks(4) {
+                let of = |k: usize| self.weighed[four[k.min(four.len() - 1)]].get().map_or(&[][..], Vec::as_slice);
+                let weighed = [of(0), of(1), of(2), of(3)];
+                for &j in some {
+                    if four.iter().any(|i| self.products[*i][j].is_nan()) {
+                        let products = if self.there[j] { four_dots(weighed, &columns[j]) } else { [0.0; 4] };
+                        four.iter().zip(products).for_each(|(i, p)| self.products[*i][j] = p);
+                    }
                 }
             }
         }
@@ -415,7 +422,7 @@ impl<'d> Axis<'d> {
         let (f, c) = self.products(s, shares).factor(&root)?;
         let v = &self.views[s];
         let mut half = DMatrix::from_fn(columns.len(), more.len(), |i, j| root[i] * v.products[columns[i]][more[j]]);
-        f.l_dirty().solve_lower_triangular_mut(&mut half);
+        solve_lower_triangular(f.l_dirty(), &mut half);
         let rates = f.l_dirty().solve_lower_triangular(&c)?;
         let left = v.squares - rates.dot(&rates);
         let evidence = self.of(s, left, log_determinant(&f));
@@ -592,23 +599,15 @@ impl Tridiagonal {
 
     /// Gain in evidence at a variance of the gains; the model without the group leaves squares of `left` on `free` degrees of freedom.
     fn gain(&self, variance: f64, free: f64, left: f64) -> f64 {
-        let (mut log, mut product, mut explained) = (0.0, 1.0, 0.0);
-        let (mut last, mut pivot) = (0.0, 1.0);
-        for (k, (d, c)) in self.diagonal.iter().zip(&self.rates).enumerate() {
-            let beside = if k > 0 { variance * self.beside[k - 1] } else { 0.0 };
-            let share = beside / pivot;
-            // (What is added to the unit matrix has no negative part: below 1 there is rounding alone.)
-            pivot = (1.0 + variance * d - share * beside).max(1.0);
-            last = c - share * last;
-            explained += last * last / pivot;
-            product *= pivot;
-            if product > 1e100 {
-                log += product.ln();
-                product = 1.0;
-            }
-        }
-        let determinant = log + product.ln();
-        -0.5 * (determinant + free * (1.0 - variance * explained / left).max(1e-12).ln())
+        self.gains([variance], free, left)[0]
+    }
+
+    /// The same at several variances.
+    fn gains<const N: usize>(&self, variances: [f64; N], free: f64, left: f64) -> [f64; N] {
+        let (explained, determinants) = eliminated(&self.diagonal, &self.beside, &self.rates, variances);
+        std::array::from_fn(|n| {
+            -0.5 * (determinants[n] + free * (1.0 - variances[n] * explained[n] / left).max(1e-12).ln())
+        })
     }
 
     /// The gain at the best variance, at most `most`, and that variance.
@@ -622,22 +621,93 @@ impl Tridiagonal {
             return (gain(variance), variance);
         }
         let top = most.max(1e-300).ln();
-        let (mut best, mut at) = (f64::NEG_INFINITY, top);
-        let tried = |x: f64, best: &mut f64, at: &mut f64| {
-            let g = gain(x.exp());
-            if g > *best {
-                (*best, *at) = (g, x);
+        let mut best = (f64::NEG_INFINITY, top);
+        let mut try_logs = |logs: &[f64], gains: &[f64]| {
+            for (x, g) in logs.iter().zip(gains) {
+                if *g > best.0 {
+                    best = (*g, *x);
+                }
             }
+            best
         };
-        (0..14).for_each(|k| tried(top - 1.4 * f64::from(k), &mut best, &mut at));
-        let mut step = 0.7;
-        for _ in 0..4 {
-            for x in [at - step, (at + step).min(top)] {
-                tried(x, &mut best, &mut at);
-            }
-            step *= 0.5;
+        let logs: [f64; 14] = std::array::from_fn(|k| top - 1.4 * k as f64);
+        let mut near = try_logs(&logs, &self.gains(logs.map(f64::exp), free, left));
+        for step in [0.7, 0.35, 0.175, 0.0875] {
+            let logs = [near.1 - step, (near.1 + step).min(top)];
+            near = try_logs(&logs, &self.gains(logs.map(f64::exp), free, left));
         }
-        (best, at.exp())
+        (near.0, near.1.exp())
+    }
+}
+
+/// Elimination of `I + v T`, `T` tridiagonal, at several variances `v`: by each, the squares that some rates have along it over it, and its log
+/// determinant.
+#[multiversion::multiversion(targets("x86_64+avx2", "x86_64+avx512f"))]
+fn eliminated<const N: usize>(
+    diagonal: &[f64],
+    beside: &[f64],
+    rates: &[f64],
+    variances: [f64; N],
+) -> ([f64; N], [f64; N]) {
+    let (mut logs, mut products, mut explained) = ([0.0; N], [1.0; N], [0.0; N]);
+    let (mut last, mut pivot) = ([0.0; N], [1.0; N]);
+    for (k, (d, c)) in diagonal.iter().zip(rates).enumerate() {
+        let beside = if k > 0 { beside[k - 1] } else { 0.0 };
+        for n in 0..N {
+            let share = variances[n] * beside / pivot[n];
+            // (What is added to the unit matrix has no negative part: below 1 there is rounding alone.)
+            pivot[n] = (1.0 + variances[n] * d - share * (variances[n] * beside)).max(1.0);
+            last[n] = c - share * last[n];
+            explained[n] += last[n] * last[n] / pivot[n];
+            products[n] *= pivot[n];
+        }
+        if products.iter().any(|p| *p > 1e100) {
+            for n in 0..N {
+                logs[n] += products[n].ln();
+                products[n] = 1.0;
+            }
+        }
+    }
+    (explained, std::array::from_fn(|n| logs[n] + products[n].ln()))
+}
+
+/// Columns that are solved for side by side.
+const ABREAST: usize = 16;
+
+/// `L^-1 M` in the place of `M`.
+fn solve_lower_triangular(l: &DMatrix<f64>, m: &mut DMatrix<f64>) {
+    let n = l.nrows();
+    if n == 0 {
+        return;
+    }
+    let (l, mut rows) = (l.transpose(), vec![[0.0; ABREAST]; n]);
+    for columns in m.as_mut_slice().chunks_mut(ABREAST * n) {
+        for (c, column) in columns.chunks(n).enumerate() {
+            rows.iter_mut().zip(column).for_each(|(row, x)| row[c] = *x);
+        }
+        solve_abreast(l.as_slice(), &mut rows);
+        for (c, column) in columns.chunks_mut(n).enumerate() {
+            column.iter_mut().zip(&rows).for_each(|(x, row)| *x = row[c]);
+        }
+    }
+}
+
+/// The same for some columns, given by rows; `l` by rows.
+#[multiversion::multiversion(targets("x86_64+avx2", "x86_64+avx512f"))]
+fn solve_abreast(l: &[f64], rows: &mut [[f64; ABREAST]]) {
+    let n = rows.len();
+    for k in 0..n {
+        let (done, rest) = rows.split_at_mut(k);
+        let mut row = rest[0];
+        for (l, done) in l[k * n..k * n + k].iter().zip(&*done) {
+            for c in 0..ABREAST {
+                row[c] -= l * done[c];
+            }
+        }
+        for c in 0..ABREAST {
+            row[c] /= l[k * n + k];
+        }
+        rest[0] = row;
     }
 }
 
