@@ -12,7 +12,9 @@ use hrg_core::{AXES, MODEL_STEP_S};
 use hrg_data::cards;
 use hrg_data::cards::{Extent, ParameterRow};
 use hrg_data::recording::steps::{unit_inputs, Run, BRIDGE_S};
+use std::collections::VecDeque;
 use std::ops::Range;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// A candidate: an effect with its inner parameters, perhaps confined to one of several runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -197,6 +199,33 @@ impl AxisRows {
     }
 }
 
+/// Columns at every model step that are kept: a model is fitted, judged and taken apart with the same ones.
+const MOST_EXACT: usize = 256;
+
+/// Columns of a candidate at every model step, one axis.
+#[derive(Debug)]
+struct Computed {
+    candidate: Candidate,
+    axis: usize,
+    columns: Option<Vec<Vec<f64>>>,
+}
+
+/// The last columns at every model step. A copy of the data begins without.
+#[derive(Debug, Default)]
+struct Exact(Mutex<VecDeque<Computed>>);
+
+impl Exact {
+    fn lock(&self) -> MutexGuard<'_, VecDeque<Computed>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Clone for Exact {
+    fn clone(&self) -> Self {
+        Self::default()
+    }
+}
+
 /// All rows.
 #[derive(Debug, Clone)]
 pub struct Data<'a> {
@@ -216,6 +245,7 @@ pub struct Data<'a> {
     pub axes: [AxisRows; AXES],
     /// The thermal states every [`coarse_s`](Self::coarse_s) seconds, close together: the search goes through them thousands of times.
     coarse: Vec<Vec<Thermal>>,
+    exact: Exact,
     /// Growth of the noise with temperature, by axis.
     pub growth: [Growth; AXES],
     /// Set if the judged run continues the only train run: a step in the train run then lasts.
@@ -392,6 +422,7 @@ impl<'a> Data<'a> {
             blocks,
             axes,
             coarse,
+            exact: Exact::default(),
             growth,
             goes_on: false,
             unseen: false,
@@ -402,6 +433,23 @@ impl<'a> Data<'a> {
     /// Columns of a candidate for one axis, by regressor, on the kept blocks. `None` where it needs what was not
     /// recorded. `exact`: at every model step; else on the coarse rows, which is enough to search with.
     pub fn columns(&self, c: &Candidate, a: usize, exact: bool) -> Option<Vec<Vec<f64>>> {
+        if !exact {
+            return self.computed(c, a, false);
+        }
+        let same = |of: usize| of == a || (c.facts.common && self.axes[a].keep == self.axes[of].keep);
+        if let Some(kept) = self.exact.lock().iter().find(|k| k.candidate == *c && same(k.axis)) {
+            return kept.columns.clone();
+        }
+        let columns = self.computed(c, a, true);
+        let mut exact = self.exact.lock();
+        if exact.len() >= MOST_EXACT {
+            exact.pop_front();
+        }
+        exact.push_back(Computed { candidate: *c, axis: a, columns: columns.clone() });
+        columns
+    }
+
+    fn computed(&self, c: &Candidate, a: usize, exact: bool) -> Option<Vec<Vec<f64>>> {
         let every = if exact { 1 } else { self.coarse_s };
         let outputs = c.facts.outputs;
         // Looking up what nobody asks for would take half the time.
