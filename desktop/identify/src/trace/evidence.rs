@@ -39,7 +39,7 @@ pub struct Share {
 /// One axis under one noise model.
 ///
 /// Whitened columns are not kept, as there are hundreds of them for each noise model: with `W` the whitening and `Q` an orthonormal basis of the
-/// whitened baseline, the product of two columns is `c' W' (I - Q Q') W d`. One of the two is *weighed*, `W' (I - Q Q') W d`, and its products with all
+/// whitened baseline, the product of two columns is `c' W' (I - Q Q') W d`. One of the two is *weighted*, `W' (I - Q Q') W d`, and its products with all
 /// columns are plain ones.
 #[derive(Debug)]
 struct View {
@@ -57,8 +57,8 @@ struct View {
     b: Vec<f64>,
     /// `true` for a column of which the baseline leaves something.
     there: Vec<bool>,
-    /// Columns that were weighed.
-    weighed: Vec<OnceCell<Vec<f64>>>,
+    /// Columns that were weighted.
+    weighted: Vec<OnceCell<Vec<f64>>>,
     /// Products of a column with others; NaN where they were not asked for.
     products: Vec<Vec<f64>>,
     /// Products of the columns of each group with each other.
@@ -91,7 +91,7 @@ impl View {
             constant,
             b: vec![],
             there: vec![],
-            weighed: vec![],
+            weighted: vec![],
             products: vec![],
             own: vec![],
             steps: OnceCell::new(),
@@ -120,7 +120,7 @@ impl View {
     fn push(&mut self, white: &mut [f64]) {
         self.there.push(self.take_off_baseline(white));
         self.b.push(dot(white, &self.y));
-        self.weighed.push(OnceCell::new());
+        self.weighted.push(OnceCell::new());
         self.products.push(Vec::new());
     }
 
@@ -128,27 +128,27 @@ impl View {
         self.own.truncate(groups);
         self.b.truncate(columns);
         self.there.truncate(columns);
-        self.weighed.truncate(columns);
+        self.weighted.truncate(columns);
         self.products.truncate(columns);
         self.products.iter_mut().for_each(|p| p.truncate(columns));
     }
 
-    /// A column, weighed.
-    fn weighed(&self, rows: &AxisRows, columns: &[Vec<f64>], i: usize) -> &[f64] {
-        let weigh = || rows.filters.transposed(self.noise_model, self.free_of_baseline(rows, &columns[i]));
-        self.weighed[i].get_or_init(weigh)
+    /// A column, weighted.
+    fn weighted(&self, rows: &AxisRows, columns: &[Vec<f64>], i: usize) -> &[f64] {
+        let make = || rows.filters.transposed(self.noise_model, self.free_of_baseline(rows, &columns[i]));
+        self.weighted[i].get_or_init(make)
     }
 
     /// Product of two columns.
     fn product(&self, rows: &AxisRows, columns: &[Vec<f64>], i: usize, j: usize) -> f64 {
         let known = |i: usize, j: usize| self.products[i].get(j).copied().filter(|p| !p.is_nan());
-        let (i, j) = if self.weighed[i].get().is_none() && self.weighed[j].get().is_some() { (j, i) } else { (i, j) };
+        let (i, j) = if self.weighted[i].get().is_none() && self.weighted[j].get().is_some() { (j, i) } else { (i, j) };
         known(i, j).or_else(|| known(j, i)).unwrap_or_else(|| self.product_of(rows, columns, i, j))
     }
 
     fn product_of(&self, rows: &AxisRows, columns: &[Vec<f64>], i: usize, j: usize) -> f64 {
         if self.there[j] {
-            dot(self.weighed(rows, columns, i), &columns[j])
+            dot(self.weighted(rows, columns, i), &columns[j])
         } else {
             0.0
         }
@@ -158,17 +158,17 @@ impl View {
     fn know(&mut self, rows: &AxisRows, columns: &[Vec<f64>], own: &[usize], with: &[usize]) {
         for &i in own {
             self.products[i].resize(columns.len(), f64::NAN);
-            self.weighed(rows, columns, i);
+            self.weighted(rows, columns, i);
         }
         // (So few columns at once that they stay near the processor.)
         let all: Vec<usize> = own.iter().chain(with).copied().collect();
         for some in all.chunks(16) {
             for four in own.chunks(4) {
-                let of = |k: usize| self.weighed[four[k.min(four.len() - 1)]].get().map_or(&[][..], Vec::as_slice);
-                let weighed = [of(0), of(1), of(2), of(3)];
+                let of = |k: usize| self.weighted[four[k.min(four.len() - 1)]].get().map_or(&[][..], Vec::as_slice);
+                let weighted = [of(0), of(1), of(2), of(3)];
                 for &j in some {
                     if four.iter().any(|i| self.products[*i][j].is_nan()) {
-                        let products = if self.there[j] { four_dots(weighed, &columns[j]) } else { [0.0; 4] };
+                        let products = if self.there[j] { four_dots(weighted, &columns[j]) } else { [0.0; 4] };
                         four.iter().zip(products).for_each(|(i, p)| self.products[*i][j] = p);
                     }
                 }
@@ -523,7 +523,7 @@ impl<'d> Axis<'d> {
             (true, true) => there.with_each_other[(i, j)],
             // (The lower triangle is asked for.)
             (_, true) if fresh[i - p].iter().any(|x| *x != 0.0) => {
-                dot(v.weighed(self.rows, &self.columns, known[j]), &columns[i - p])
+                dot(v.weighted(self.rows, &self.columns, known[j]), &columns[i - p])
             }
             (_, true) => 0.0,
             (_, false) => dot(&fresh[i - p], &fresh[j - p]),

@@ -270,7 +270,7 @@ impl<'a> Search<'a> {
         let within = |c: &Candidate| !self.unit_only || c.on_unit() || c.facts.reach == Reach::Unpredictable;
         let offered: Vec<bool> = (0..self.candidates.len())
             .map(|k| {
-                let barred = k > RAMP && self.without_kind.is_some() && self.stands_for_several(k) == self.without_kind;
+                let barred = k > RAMP && self.without_kind.is_some_and(|kind| self.stands_for_several(k) == Some(kind));
                 self.offered[k] && !barred && self.candidates[k].iter().all(within)
             })
             .collect();
