@@ -20,9 +20,7 @@ pub fn sum_of_products(a: &[f64], b: &[f64]) -> f64 {
     let (a, b) = (a.chunks_exact(8), b.chunks_exact(8));
     let rest: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
     for (a, b) in a.zip(b) {
-        for k in 0..8 {
-            sums[k] += a[k] * b[k];
-        }
+        add_products(&mut sums, a, b);
     }
     sums.iter().sum::<f64>() + rest
 }
@@ -167,6 +165,17 @@ pub fn quantile(values: &[f64], p: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn four_inner_products_are_those_of_one_to_the_bit() {
+        let wave = |n: usize, f: f64| (0..n).map(|k| (f * k as f64).sin() / 3.0).collect::<Vec<f64>>();
+        for n in (0..40).chain([857]) {
+            let (a, b) = ([0.3, 0.7, 1.1, 1.9].map(|f| wave(n + 3, f)), wave(n, 2.3));
+            let four = four_dots([&a[0], &a[1], &a[2], &a[3]], &b);
+            let each = [0, 1, 2, 3].map(|k: usize| dot(&a[k][..n], &b));
+            assert_eq!(four.map(f64::to_bits), each.map(f64::to_bits), "{n}");
+        }
+    }
 
     #[test]
     fn block_means_skip_what_is_missing() {

@@ -154,11 +154,11 @@ fn from_simulation_to_report() {
         let after = report["final"][axis]["verify_rms_dph"].as_f64().expect("a number");
         let floor = report["noise_floor_dph"][axis].as_f64().expect("a number");
         assert!(after < 0.6 * before && after < 1.3 * floor, "{axis}: {before} {after} {floor}");
-        // (By chance a verify run shows one effect in twenty in another size on an axis: here on x.)
-        let left = report["left_over"][axis].as_array().expect("sentences");
-        let of_size = |l: &serde_json::Value| l.as_str().is_some_and(|l| l.ends_with("shows in another size"));
-        assert!(left.iter().all(of_size), "{left:?}");
-        assert_eq!(report["unexplained"][axis], !left.is_empty());
+        // (By chance this verify run shows the effect on x in another size, by 2.6 deviations.)
+        let of_size = "where hysteresis stands for it, which the verify run shows in another size";
+        let left: &[&str] = if axis == "x" { &[of_size] } else { &[] };
+        assert_eq!(report["left_over"][axis], serde_json::json!(left));
+        assert_eq!(report["unexplained"][axis], axis == "x");
         let ratio = &report["floor_ratio"][axis];
         assert!(ratio["low"].as_f64() < ratio["ratio"].as_f64() && ratio["ratio"].as_f64() < ratio["high"].as_f64());
         for key in ["log_score", "mse_fall", "mse_fall_std", "rms_dph", "constant_dph"] {

@@ -730,6 +730,18 @@ mod tests {
     use super::*;
 
     #[test]
+    fn triangular_systems_are_solved_as_nalgebra_solves_them() {
+        for (n, count) in [(0, 3), (1, 1), (3, 16), (7, 17), (20, 50)] {
+            let l = DMatrix::from_fn(n, n, |i, j| if i == j { 2.0 + i as f64 } else { ((3 * i + j) as f64).sin() });
+            let m = DMatrix::from_fn(n, count, |i, j| ((i + 5 * j) as f64 * 0.3).cos());
+            let (mut own, mut wanted) = (m.clone(), m);
+            solve_lower_triangular(&l, &mut own);
+            assert!(l.solve_lower_triangular_mut(&mut wanted));
+            assert!((own - wanted).iter().all(|d| d.abs() < 1e-12), "{n} {count}");
+        }
+    }
+
+    #[test]
     fn the_gain_of_a_group_is_that_of_the_whole_matrix() {
         // Gain = -1/2 (ln det(I + v G) + free ln(1 - v b' (I + v G)^-1 b / left)), for products of any size.
         for n in [1, 2, 3, 9] {

@@ -243,13 +243,18 @@ impl Filters {
     /// The transposed whitening: the inner product of the result with a column is that of `x` with the whitened column.
     pub fn transposed(&self, s: usize, mut x: Vec<f64>) -> Vec<f64> {
         self.along(s, &mut x, |share| share);
+        self.transpose_rows(s, 0, &mut x);
+        x
+    }
+
+    /// The transposed recursion, in place, on rows of which the first has number `from`; those behind them count as zero.
+    fn transpose_rows(&self, s: usize, from: usize, x: &mut [f64]) {
         let mut after = 0.0;
         for (k, v) in x.iter_mut().enumerate().rev() {
-            let new = self.scale[k][s] * *v;
-            *v = new + self.take[k][s] * after;
-            after = self.keep[k][s] * after - new;
+            let new = self.scale[from + k][s] * *v;
+            *v = new + self.take[from + k][s] * after;
+            after = self.keep[from + k][s] * after - new;
         }
-        x
     }
 
     /// For each row, the product of a whitened column with a whitened step at that row, which lasts to row `to`.
@@ -258,13 +263,12 @@ impl Filters {
         if !self.unknown[s].is_empty() {
             self.along(s, x.to_mut(), |share| share);
         }
-        let (mut after, mut sum) = (0.0, 0.0);
-        let mut out = vec![0.0; to - from];
-        for k in (from..to).rev() {
-            let new = self.scale[k][s] * x[k];
-            sum += new + self.take[k][s] * after;
-            after = self.keep[k][s] * after - new;
-            out[k - from] = sum;
+        let mut out = x[from..to].to_vec();
+        self.transpose_rows(s, from, &mut out);
+        let mut sum = 0.0;
+        for v in out.iter_mut().rev() {
+            sum += *v;
+            *v = sum;
         }
         out
     }
