@@ -24,6 +24,10 @@ const FOLDS: usize = 6;
 /// A gain may move the rates by as many deviations of what the baseline leaves: a prior that keeps two large gains of opposite sign
 /// from standing for one small effect.
 const LARGEST_GAIN: f64 = 3.0;
+/// A noise model whose evidence is behind that of the best by as much adds nothing, as a logarithm.
+const NEGLIGIBLE: f64 = 10.0;
+/// A walk over the run that grows as large as the white part. (A group that gains little under white noise may gain most under this one.)
+const WALK: usize = 10;
 /// Steps towards the variances of highest evidence.
 const STEPS: usize = 12;
 
@@ -209,7 +213,6 @@ struct Base {
     /// `L^-1 D^1/2 b`.
     rates: DVector<f64>,
     left: f64,
-    evidence: f64,
 }
 
 /// Gain in evidence by a group at its best variance.
@@ -219,6 +222,35 @@ pub struct Extension {
     pub evidence: f64,
     /// Variance of the group's gains.
     pub variance: f64,
+}
+
+/// The same while the noise models are gone through.
+#[derive(Clone)]
+struct Extended {
+    /// Evidence times probability of each noise model, as logarithms.
+    each: [f64; NOISE_MODELS.len()],
+    /// Largest of them.
+    best: f64,
+    /// Largest gain.
+    most: f64,
+    /// Variance under the best noise model.
+    variance: f64,
+}
+
+impl Default for Extended {
+    fn default() -> Self {
+        Self { each: [f64::NEG_INFINITY; NOISE_MODELS.len()], best: f64::NEG_INFINITY, most: 0.0, variance: 0.0 }
+    }
+}
+
+impl Extended {
+    fn under(&mut self, s: usize, own: f64, gain: f64, variance: f64) {
+        self.each[s] = own + gain;
+        self.most = self.most.max(gain);
+        if self.each[s] > self.best {
+            (self.best, self.variance) = (self.each[s], variance);
+        }
+    }
 }
 
 /// A model of one axis with its variances.
@@ -425,8 +457,7 @@ impl<'d> Axis<'d> {
         solve_lower_triangular(f.l_dirty(), &mut half);
         let rates = f.l_dirty().solve_lower_triangular(&c)?;
         let left = v.squares - rates.dot(&rates);
-        let evidence = self.of(s, left, log_determinant(&f));
-        Some(Base { half, rates, left, evidence })
+        Some(Base { half, rates, left })
     }
 
     /// Evidence of the model with each offered group added: the model's own variances stay. `None` for a group that the axis does not have.
@@ -444,30 +475,41 @@ impl<'d> Axis<'d> {
         out
     }
 
-    /// The same of some groups that the axis has.
+    /// The same of some groups that the axis has. The white noise, a walk and the two noise models that explain most come first. Another one is
+    /// left out for a group if the largest gain of the group so far would not make it matter: a search asks for an order, and what it takes gets its
+    /// evidence under all of them ([`Self::best`]).
     fn extended_by(&mut self, model: &AxisModel, groups: &[usize]) -> Vec<(usize, Extension)> {
         if groups.is_empty() {
             return vec![];
         }
-        let of = |k: &usize| self.groups[*k].clone().unwrap_or_default();
-        let mut more: Vec<usize> = groups.iter().flat_map(of).collect();
-        more.sort_unstable();
-        more.dedup();
-        // Of each group: its evidence under each noise model, and the best of them with its variance.
-        let mut each = vec![([f64::NEG_INFINITY; NOISE_MODELS.len()], f64::NEG_INFINITY, 0.0); groups.len()];
-        for s in 0..NOISE_MODELS.len() {
+        let root = self.deviations_in(&model.shares);
+        let own: [f64; NOISE_MODELS.len()] = std::array::from_fn(|s| {
+            self.evidence(s, &self.products(s, &model.shares), &root) + NOISE_MODELS[s].log_prior()
+        });
+        let mut order: [usize; NOISE_MODELS.len()] = std::array::from_fn(|s| s);
+        order.swap(1, WALK);
+        order[2..].sort_by(|x, y| own[*y].total_cmp(&own[*x]));
+        let mut each = vec![Extended::default(); groups.len()];
+        for (place, s) in order.into_iter().enumerate() {
+            let matters = |e: &Extended| place < 4 || own[s] + e.most + NEGLIGIBLE >= e.best;
+            let (wanted, groups): (Vec<&mut Extended>, Vec<usize>) =
+                each.iter_mut().zip(groups).filter(|(e, _)| matters(e)).unzip();
+            if groups.is_empty() {
+                continue;
+            }
+            let of = |k: &usize| self.groups[*k].clone().unwrap_or_default();
+            let mut more: Vec<usize> = groups.iter().flat_map(of).collect();
+            more.sort_unstable();
+            more.dedup();
             let Some(base) = self.base(s, &model.shares, &more) else { continue };
             let most = self.most(base.left / self.views[s].free);
-            for (&k, (each, best, at)) in groups.iter().zip(&mut each) {
+            for (extended, k) in wanted.into_iter().zip(groups) {
                 let (gain, variance) = self.added(s, &base, k, &more).best_gain(self.views[s].free, base.left, most);
-                each[s] = base.evidence + gain;
-                if each[s] > *best {
-                    (*best, *at) = (each[s], variance);
-                }
+                extended.under(s, own[s], gain, variance);
             }
         }
-        let of = |(&k, (each, best, variance)): (&usize, ([f64; NOISE_MODELS.len()], f64, f64))| {
-            (best > f64::NEG_INFINITY).then(|| (k, Extension { evidence: mean_evidence(&each), variance }))
+        let of = |(&k, e): (&usize, Extended)| {
+            (e.best > f64::NEG_INFINITY).then(|| (k, Extension { evidence: log_sum(&e.each), variance: e.variance }))
         };
         groups.iter().zip(each).filter_map(of).collect()
     }

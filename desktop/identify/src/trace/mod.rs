@@ -165,7 +165,8 @@ fn closed(
         let mut data = growth::data(&prepared)?;
         data.goes_on = goes_on(train, verify);
         progress::reached(0.1);
-        let mut search = Search::without_effects(&data, &barred);
+        let mut search = Search::new(&data);
+        search.bar(&barred);
         progress::reached(0.3);
         let learnt = Learnt::new(&mut search);
         progress::reached(0.8);
@@ -186,15 +187,14 @@ fn closed(
         // A decay may be what a model without that memory has from power-on on. That model stays if it is the more probable one on all runs, and
         // none begins in a state that it does not know.
         let with = explained(&search, &learnt, &fitted, &verify_run, &data) + unknown.evidence;
-        let bars: Vec<EffectId> = barred.iter().copied().chain([memory.effect]).collect();
-        let mut other = Search::without_effects(&data, &bars);
-        let otherwise = Learnt::new(&mut other);
+        search.bar(&[memory.effect]);
+        let otherwise = Learnt::new(&mut search);
         let refitted = Fitted::new(&data, &otherwise.model.specification())?;
         let known = Memory::of(otherwise.model.effects())
-            .is_none_or(|m| run_in::unknown(&mut other, &otherwise.model, &refitted, &verify_run, m).is_none());
-        if known && explained(&other, &otherwise, &refitted, &verify_run, &data) > with {
+            .is_none_or(|m| run_in::unknown(&mut search, &otherwise.model, &refitted, &verify_run, m).is_none());
+        if known && explained(&search, &otherwise, &refitted, &verify_run, &data) > with {
             let runs = (&verify_run, whole_verify, judge_run);
-            return judged(train, verify, options, &prepared, runs, (other, otherwise, refitted));
+            return judged(train, verify, options, &prepared, runs, (search, otherwise, refitted));
         }
         // The search begins anew on what is left.
         left_out = Some(memory);

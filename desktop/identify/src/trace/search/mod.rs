@@ -135,16 +135,13 @@ pub struct Search<'a> {
     unit_only: bool,
     /// Set to search without the groups of one kind that may stand for several effects.
     without_kind: Option<Kind>,
+    /// Effects that are not tried.
+    barred: Vec<EffectId>,
 }
 
 impl<'a> Search<'a> {
     /// Prepares the candidates.
     pub fn new(data: &'a Data<'a>) -> Self {
-        Self::without_effects(data, &[])
-    }
-
-    /// The same, without some effects of the library.
-    pub fn without_effects(data: &'a Data<'a>, barred: &[EffectId]) -> Self {
         let axes = data.axes.each_ref().map(Axis::new);
         // (The first group of each axis is no candidate: the ramp terms of the baseline.)
         let mut s = Self {
@@ -159,19 +156,24 @@ impl<'a> Search<'a> {
             active: [true; AXES],
             unit_only: false,
             without_kind: None,
+            barred: vec![],
         };
         let starts = s.starts();
         s.begin = starts;
-        let offered = |c: &Candidate| !barred.contains(&c.facts.effect);
         for (c, tries) in data.library(starts) {
-            if offered(&c) && s.alone(&c).is_none() {
+            if s.alone(&c).is_none() {
                 s.push(vec![c], tries);
             }
         }
-        for bundle in data.bundles(starts).into_iter().filter(|b| b.iter().all(offered)) {
+        for bundle in data.bundles(starts) {
             s.push(bundle, 1.0);
         }
         s
+    }
+
+    /// Leaves some effects out of the searches that come.
+    pub fn bar(&mut self, effects: &[EffectId]) {
+        self.barred.extend(effects);
     }
 
     /// Start states of the plays, as far as the rates tell beside the baseline: the middle unless a branch has evidence. (Ladders tried
@@ -267,7 +269,10 @@ impl<'a> Search<'a> {
     fn extensions(&mut self, state: &State) -> Vec<(f64, usize, [Option<f64>; AXES])> {
         hrg_data::numeric::progress::step();
         let active = self.active;
-        let within = |c: &Candidate| !self.unit_only || c.on_unit() || c.facts.reach == Reach::Unpredictable;
+        let within = |c: &Candidate| {
+            (!self.unit_only || c.on_unit() || c.facts.reach == Reach::Unpredictable)
+                && !self.barred.contains(&c.facts.effect)
+        };
         let offered: Vec<bool> = (0..self.candidates.len())
             .map(|k| {
                 let barred = k > RAMP && self.without_kind.is_some_and(|kind| self.stands_for_several(k) == Some(kind));
