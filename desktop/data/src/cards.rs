@@ -2,7 +2,7 @@
 
 use crate::recording::steps::Run;
 use hrg_core::effects::parameters::{
-    Arrhenius, Breakpoint, Channel, Cycle, Lag, Parameters, Pulse, Ramp, RampRange, Rise, Source, Stirred, Tau, Taus,
+    Arrhenius, Breakpoint, Channel, Cycle, Lag, Parameters, Pulse, Ramp, RampRange, Rise, Source, Tau, Taus,
     TemperatureRange, Thresholds, Width, Widths,
 };
 use hrg_core::effects::{EffectId, Facts, ALL, MAX_PARAMETERS};
@@ -418,14 +418,6 @@ pub fn card(effect: EffectId) -> Card {
             },
             generator: of([0.02, 6000.0]),
             ..Card::of(Memory, Searched, "delays whose times change with temperature")
-        },
-        E::StirredLags => Card {
-            grid: |x| {
-                let ramps = log(0.1 * x.fastest_c_per_min, x.fastest_c_per_min, 4);
-                rows(ramps.map(|ramp_c_per_min| Stirred { ramp_c_per_min, tau_max_s: slowest(x) }))
-            },
-            generator: of([0.5, 6000.0]),
-            ..Card::of(Memory, Searched, "delays that become shorter while the temperature moves")
         },
         E::Hysteresis => Card {
             refine: &[SCALE],

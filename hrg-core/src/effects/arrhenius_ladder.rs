@@ -8,55 +8,15 @@ use super::parameters::Arrhenius;
 use super::{Effect, Inputs, Reach, Span};
 use crate::bias::clamp;
 
-/// Lags of the ladder.
-pub const RUNGS: usize = 9;
+const RUNGS: usize = 9;
 const SHORTEST_S: f32 = 60.0;
-
-/// Lags of temperature whose times change as they run.
-#[derive(Debug, Clone)]
-pub(super) struct Relaxing {
-    per_tau: [f32; RUNGS],
-    state_c: [f32; RUNGS],
-}
-
-impl Relaxing {
-    /// Times from 60 s to `tau_max_s`.
-    // (Once in flash.)
-    #[inline(never)]
-    pub fn new(tau_max_s: f32, step_s: f32) -> Self {
-        Self {
-            per_tau: core::array::from_fn(|k| step_s / rung(SHORTEST_S, tau_max_s, k, RUNGS)),
-            state_c: [f32::NAN; RUNGS],
-        }
-    }
-
-    /// The lagged temperatures.
-    pub fn memory(&mut self) -> &mut [f32] {
-        &mut self.state_c
-    }
-
-    /// A step with times that are shorter by a factor: the lagged temperatures less temperature.
-    // (Once in flash.)
-    #[inline(never)]
-    pub fn follow(&mut self, t: f32, faster: f32) -> [f32; RUNGS] {
-        if self.state_c[0].is_nan() {
-            self.state_c = [t; RUNGS];
-        }
-        let mut out = [0.0; RUNGS];
-        for k in 0..RUNGS {
-            let x = self.per_tau[k] * faster;
-            self.state_c[k] += x / (1.0 + x) * (t - self.state_c[k]);
-            out[k] = self.state_c[k] - t;
-        }
-        out
-    }
-}
 
 /// Lags of temperature with times that follow temperature, less temperature; C.
 #[derive(Debug, Clone)]
 pub struct ArrheniusLadder {
-    lags: Relaxing,
+    per_tau: [f32; RUNGS],
     beta: f32,
+    state_c: [f32; RUNGS],
 }
 
 impl Effect for ArrheniusLadder {
@@ -68,11 +28,15 @@ impl Effect for ArrheniusLadder {
     type Regressors = [f32; RUNGS];
 
     fn new(p: Arrhenius, step_s: f32) -> Self {
-        Self { lags: Relaxing::new(p.tau_max_s, step_s), beta: p.beta_per_c }
+        Self {
+            per_tau: core::array::from_fn(|k| step_s / rung(SHORTEST_S, p.tau_max_s, k, RUNGS)),
+            beta: p.beta_per_c,
+            state_c: [f32::NAN; RUNGS],
+        }
     }
 
     fn memory(&mut self) -> &mut [f32] {
-        self.lags.memory()
+        &mut self.state_c
     }
 
     fn span(p: Arrhenius) -> Span {
@@ -82,7 +46,16 @@ impl Effect for ArrheniusLadder {
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; RUNGS] {
         let t = inputs.own_c();
+        if self.state_c[0].is_nan() {
+            self.state_c = [t; RUNGS];
+        }
         let faster = libm::expf(clamp(self.beta * (t - inputs.scaling.t_ref_c), -5.0, 5.0));
-        self.lags.follow(t, faster)
+        let mut out = [0.0; RUNGS];
+        for k in 0..RUNGS {
+            let x = self.per_tau[k] * faster;
+            self.state_c[k] += x / (1.0 + x) * (t - self.state_c[k]);
+            out[k] = self.state_c[k] - t;
+        }
+        out
     }
 }

@@ -209,8 +209,6 @@ impl<const N: usize> Regressors for [f32; N] {
 }
 
 /// Share of the way that a first-order lag of `tau_s` goes in `step_s`, exact for a held input.
-// (Once in flash.)
-#[inline(never)]
 fn lag_share(step_s: f32, tau_s: f32) -> f32 {
     if tau_s > 0.0 {
         // (Of a lag of days 1 - exp would have two digits.)
@@ -501,7 +499,6 @@ effects! {
     input_network::{InputNetwork},
     temperature_step::{TemperatureStep},
     play_ladder_by_temperature::{PlayLadderByTemperature},
-    stirred_lags::{StirredLags},
 }
 
 impl EffectId {

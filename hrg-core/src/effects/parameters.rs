@@ -82,11 +82,6 @@ parameters! {
         beta_per_c: false, "Relative change of the time constants, per C.";
         tau_max_s: true, "Longest time constant at the reference temperature, s."
     }
-    /// Time constants that become shorter while the temperature moves.
-    Stirred {
-        ramp_c_per_min: true, "Rate of change at which the time constants are half as long, C per minute.";
-        tau_max_s: true, "Longest time constant on a soak, s."
-    }
     /// A lag that may be none.
     Lag { lag_s: false, "Time constant, s; 0: none." }
     /// A play.
