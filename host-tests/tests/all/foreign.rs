@@ -41,6 +41,16 @@ fn where_naming_does_not_reach_a_family_compensates() {
 }
 
 #[test]
+fn where_a_form_that_the_library_lacks_may_stand_behind_an_effect_it_is_not_explained() {
+    // A lag whose time constant depends on the ramp looks like a lag and a hysteresis.
+    let (_, report) = traced("memory-tau-by-ramp");
+    let said = |l: &String| {
+        l.contains("a delay that is shorter while the temperature moves, which no effect of the library has")
+    };
+    assert!(report.left_over.values().flatten().any(said), "{:?}", report.left_over);
+}
+
+#[test]
 fn a_run_that_begins_in_an_unknown_state_does_not_bend_the_lag() {
     let (made, report) = traced("state-kept-from-yesterday");
     assert!(report.notes.iter().any(|n| n.contains("are left out of fit and judgement")), "{:?}", report.notes);

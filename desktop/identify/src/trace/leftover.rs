@@ -4,6 +4,7 @@
 //! final model of each axis, shrunk as a family is and with the noise model refitted: if one of them has evidence, structure is left there.
 //! (The residual on the verify run is judged by [`super::floor`].)
 
+use super::beyond::{Form, FORMS};
 use super::data::{AxisRows, Data};
 use super::evidence::{Axis, Extension, Part};
 use super::judge::Agreement;
@@ -15,7 +16,7 @@ use super::report::{Found, Ranked};
 use super::search::{Model, Score, Search, MOST};
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
-use hrg_data::cards::{class_of, Class};
+use hrg_data::cards::{card, class_of, Class};
 
 /// Variables along which structure is left on the train runs, by axis, in words; empty if none is left.
 pub fn judge(data: &Data<'_>, search: &mut Search<'_>, model: &Model) -> [Vec<String>; AXES] {
@@ -60,16 +61,30 @@ pub fn on_verify(data: &Data<'_>, left: &[Vec<f64>; AXES]) -> [Vec<String>; AXES
     })
 }
 
+/// For each effect a form of another class, beyond the library, that is not excluded in its place by the odds at which a claim is made; in words.
+pub fn beyond(search: &mut Search<'_>, model: &Model, effects: &[Found]) -> Vec<Option<&'static str>> {
+    let within = |(k, e): (usize, &Found)| {
+        let other = |f: &&Form| card(f.like).class != e.class && search.odds_against(model, k, f) < THRESHOLD;
+        (e.class != Class::Event).then(|| FORMS.iter().find(other).map(|f| f.about)).flatten()
+    };
+    effects.iter().enumerate().map(within).collect()
+}
+
 /// Effects that describe something and do not explain it, by axis: those that the verify run does not confirm, or cannot, those in whose place
-/// an effect of another class is not excluded by the odds at which a claim is made, and those that the verify run shows in another size.
-pub fn not_explained(effects: &[Found]) -> [Vec<String>; AXES] {
+/// an effect of another class, or a form `beyond` the library, is not excluded by the odds at which a claim is made, and those that the verify run shows in
+/// another size.
+pub fn not_explained(effects: &[Found], beyond: &[Option<&str>]) -> [Vec<String>; AXES] {
     [0, 1, 2].map(|a: usize| {
-        let here = effects.iter().filter(|e| e.axes.contains_key(AXIS_NAMES[a]));
+        let here = effects.iter().zip(beyond).filter(|(e, _)| e.axes.contains_key(AXIS_NAMES[a]));
         let mut left: Vec<String> = here
-            .filter_map(|e| {
+            .filter_map(|(e, beyond)| {
                 let why = match e.confirmed {
                     Some(true) => match other_class(e.class, e.score, &e.rank) {
                         Some(other) => format!("and {other} of another class is not excluded by odds of 99 to 1"),
+                        None if beyond.is_some() => {
+                            let form = beyond.unwrap_or_default();
+                            format!("and {form}, which no effect of the library has, is not excluded by odds of 99 to 1")
+                        }
                         None if e.on_verify.get(AXIS_NAMES[a]).is_some_and(Agreement::is_of_another_size) => {
                             "which the verify run shows in another size".into()
                         }

@@ -4,6 +4,7 @@
 //! noise ([`noise`]), searched by beam ([`search`]) on the train runs alone, and judged on the verify run ([`judge`],
 //! [`floor`]): against the baseline, against the raw rates, against the image in use, and against the noise.
 
+mod beyond;
 pub mod data;
 mod days;
 pub mod equations;
@@ -408,7 +409,8 @@ fn structure(
     {
         left.push(format!("beyond the noise of the verify run ({ratio})"));
     }
-    left.iter_mut().zip(leftover::not_explained(effects)).for_each(|(left, more)| left.extend(more));
+    let beyond = leftover::beyond(search, &learnt.model, effects);
+    left.iter_mut().zip(leftover::not_explained(effects, &beyond)).for_each(|(left, more)| left.extend(more));
     (left, floor_ratio)
 }
 
@@ -1120,6 +1122,12 @@ mod tests {
             printed.contains("x 2.07 floors [0.95, 2.33]: may be noise") && !printed.contains("more than noise"),
             "{printed}"
         );
+        // Where the image holds the baseline, its own figure stands beside the model's.
+        let mut r = traced(&["kink:size=4"], 81);
+        assert!(!report_text::verdict(&r).contains("the image does not hold them"), "{}", r.verdict);
+        r.block.as_mut().expect("an image").get_mut("x").expect("an axis").model = report::AxisModel::Baseline;
+        let printed = report_text::verdict(&r);
+        assert_eq!(printed.matches("the image does not hold them there and leaves").count(), 1, "{printed}");
         // Three digits of each number.
         let digits: Vec<String> = [0.04, -0.0213, 12.5, 9000.0, 0.0].iter().map(|v| report::three_digits(*v)).collect();
         assert_eq!(digits, ["0.04", "-0.0213", "12.5", "9000", "0"]);

@@ -183,6 +183,17 @@ fn named(e: &Found, times: usize, there: usize) -> String {
 
 /// Third line: what is left, in floors of the noise.
 fn left(r: &Report) -> String {
+    let lacking: Vec<&str> =
+        r.effects.iter().filter(|e| e.reach.starts_with("needs ")).map(|e| e.name.as_str()).collect();
+    // (Where the image does not hold what the model has, the model's figure is not what the unit will leave.)
+    let without_effects = |n: &str| {
+        let named = r.effects.iter().any(|e| e.axes.contains_key(n)) && lacking.is_empty();
+        let axis = r.block.as_ref().map(|b| &b[n]).filter(|b| named && b.model != AxisModel::Extended)?;
+        Some(format!(
+            " (the model with the effects; the image does not hold them there and leaves {:.1} floors)",
+            axis.verify_rms_dph / r.noise_floor_dph[n]
+        ))
+    };
     let one = |n: &str| {
         let ratio = r.floor_ratio[n];
         let word = match (ratio.is_noise(), r.unexplained[n]) {
@@ -190,11 +201,9 @@ fn left(r: &Report) -> String {
             (true, true) => "the size of noise; what is not explained is listed below",
             (false, _) => "more than noise",
         };
-        format!("{n} {ratio}: {word}")
+        format!("{n} {ratio}: {word}{}", without_effects(n).unwrap_or_default())
     };
     let each = r.axes().into_iter().map(one).collect::<Vec<_>>().join("; ");
-    let lacking: Vec<&str> =
-        r.effects.iter().filter(|e| e.reach.starts_with("needs ")).map(|e| e.name.as_str()).collect();
     let mut s = if lacking.is_empty() {
         format!("Residual on the verify run, in noise floors, with 95 % intervals: {each}.")
     } else {

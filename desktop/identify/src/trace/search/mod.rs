@@ -650,16 +650,19 @@ impl<'a> Search<'a> {
 
     /// Evidence that each of some groups of columns adds to a model on one axis.
     pub fn evidence_of(&mut self, model: &Model, a: usize, groups: Vec<Vec<Vec<f64>>>) -> Vec<f64> {
+        self.evidence_beside(&model.state.axes[a], a, groups)
+    }
+
+    fn evidence_beside(&mut self, model: &AxisModel, a: usize, groups: Vec<Vec<Vec<f64>>>) -> Vec<f64> {
         let (count, more) = (self.candidates.len(), groups.len());
         for columns in groups {
             self.axes[a].push(Some(vec![Part::New(columns)]));
         }
-        let state = &model.state.axes[a];
         let mut offered = vec![false; count];
         offered.resize(count + more, true);
-        let gains = self.axes[a].extensions(state, &offered).split_off(count);
+        let gains = self.axes[a].extensions(model, &offered).split_off(count);
         self.axes[a].truncate(count);
-        gains.into_iter().map(|e| e.map_or(0.0, |e| e.evidence - state.evidence)).collect()
+        gains.into_iter().map(|e| e.map_or(0.0, |e| e.evidence - model.evidence)).collect()
     }
 
     fn model(&mut self, state: State) -> Model {

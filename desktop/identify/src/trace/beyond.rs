@@ -1,0 +1,143 @@
+//! Forms that physics knows and no effect of the library has, tried in the place of an effect of another class.
+//!
+//! The trace names what an image can hold. What it holds may stand for another cause: a lag that is faster while the temperature moves looks like a
+//! hysteresis beside a lag, and dry friction looks like a lag. An effect is explained if such a form in its place is excluded by the odds of every
+//! claim. The forms are families: all that they cost is what a family of their class costs.
+
+use super::data::Data;
+use hrg_core::effects::parameters::{Parameters, Taus};
+use hrg_core::effects::{rung, EffectId};
+use hrg_data::cards::card;
+
+/// A form, as a family of columns.
+pub struct Form {
+    /// In words.
+    pub about: &'static str,
+    /// The family of the library whose class and prior odds it has.
+    pub like: EffectId,
+    /// Groups of columns on the kept blocks of an axis; each is one try.
+    pub groups: fn(&Data<'_>, usize) -> Vec<Vec<Vec<f64>>>,
+}
+
+/// All of them.
+pub const FORMS: [Form; 3] = [
+    Form { about: "a delay that is shorter while the temperature moves", like: EffectId::LagLadder, groups: stirred },
+    Form { about: "a delay that is shorter, the further it is behind", like: EffectId::LagLadder, groups: convective },
+    Form { about: "dry friction", like: EffectId::PlayLadder, groups: friction },
+];
+
+/// Columns of a family.
+const RUNGS: usize = 9;
+
+/// Lags less temperature whose times are those of `lag-ladder` over `1 + |r| / r0`, with `r` the ramp: a body that gas around it cools the better, the
+/// more a ramp stirs it. Tried are `r0` of the fastest ramp, a half, a quarter and an eighth of it.
+fn stirred(data: &Data<'_>, a: usize) -> Vec<Vec<Vec<f64>>> {
+    let fastest = data.states(a).iter().flatten().map(|s| s.1.abs()).fold(0.05, f64::max);
+    [1.0, 0.5, 0.25, 0.125].map(|share| lags(data, a, move |_, ramp| 1.0 + ramp.abs() / (share * fastest))).into()
+}
+
+/// The same over `1 + |g| / g0`, with `g` how far the lag is behind: convection, which carries the more for each degree, the more degrees there are. Tried
+/// are `g0` of a tenth of the temperatures, a thirtieth and a hundredth.
+fn convective(data: &Data<'_>, a: usize) -> Vec<Vec<Vec<f64>>> {
+    let (low, high) = data.temperature_range();
+    let span = f64::from(high - low).max(1.0);
+    [0.1, 0.03, 0.01].map(|share| lags(data, a, move |behind, _| 1.0 + behind.abs() / (share * span))).into()
+}
+
+/// Lags less temperature; `faster` gives by what each is faster, from how far it is behind (C) and the ramp (C per minute).
+fn lags(data: &Data<'_>, a: usize, faster: impl Fn(f64, f64) -> f64) -> Vec<Vec<f64>> {
+    let Some(taus) = (card(EffectId::LagLadder).grid)(&data.extent()).first().map(Taus::of) else { return vec![] };
+    let lag = |k: usize| {
+        let tau_s = f64::from(rung(taus.tau_min_s, taus.tau_max_s, k, RUNGS));
+        stepped(data, a, |behind, step_s, from, to, ramp| {
+            // (Exact for a straight line of temperature.)
+            let times = step_s * faster(behind, ramp) / tau_s;
+            let steady = (to - from) / times;
+            (behind + steady) * (-times).exp() - steady
+        })
+    };
+    (0..RUNGS).map(lag).collect()
+}
+
+/// Dry friction: `dz = dT - |dT| z / A` (Dahl 1968) for nine amplitudes `A`, from a fiftieth of the temperatures to one and a half times them. Its loops
+/// do not depend on the ramp.
+fn friction(data: &Data<'_>, a: usize) -> Vec<Vec<Vec<f64>>> {
+    let (low, high) = data.temperature_range();
+    let span = (high - low).max(1.0);
+    let loops = (0..RUNGS).map(|k| {
+        let amplitude = f64::from(rung(0.02 * span, 1.5 * span, k, RUNGS));
+        stepped(data, a, move |z, _, from, to, _| {
+            let left = (-(to - from).abs() / amplitude).exp();
+            z * left + (to - from).signum() * amplitude * (1.0 - left)
+        })
+    });
+    vec![loops.collect()]
+}
+
+/// A state from zero at the begin of each run, on the kept blocks: `step` gives the next one from the last, the seconds between them, the two temperatures
+/// (C), and the ramp (C per minute).
+fn stepped(data: &Data<'_>, a: usize, step: impl Fn(f64, f64, f64, f64, f64) -> f64) -> Vec<f64> {
+    let (rows, states) = (&data.axes[a], data.states(a));
+    let mut out = Vec::with_capacity(states.len());
+    for number in 0..rows.starts.len() {
+        let (mut state, mut last) = (0.0, None);
+        for k in rows.run(number) {
+            if let Some((now_c, ramp)) = states[k] {
+                if let Some((block, last_c)) = last.replace((rows.keep[k], now_c)) {
+                    state = step(state, ((rows.keep[k] - block) * data.block_s) as f64, last_c, now_c, ramp);
+                }
+            }
+            out.push(state);
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::independence::Units;
+    use crate::fit::prepare_for;
+    use crate::trace::data::Candidate;
+    use crate::trace::growth;
+    use hrg_simulate::{Plan, Profile};
+
+    #[test]
+    fn lags_that_nothing_makes_faster_are_those_of_the_unit() {
+        let plan = Plan::of(Profile::parse("cycle").expect("a profile"), 1, 1);
+        let prepared = prepare_for(&[plan.simulate().recording], Units::default()).expect("usable");
+        let data = growth::data(&prepared).expect("a baseline");
+        let own = lags(&data, 0, |_, _| 1.0);
+        let row = (card(EffectId::LagLadder).grid)(&data.extent())[0];
+        let of_the_unit = data.columns(&Candidate::new(EffectId::LagLadder, row), 0, true).expect("needs nothing");
+        for (k, (own, unit)) in own.iter().zip(&of_the_unit).enumerate() {
+            let largest = unit.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+            // (The mean of a block is not its middle where a soak begins.)
+            let mean = own.iter().zip(unit).map(|(o, u)| (o - u).abs()).sum::<f64>() / own.len() as f64;
+            assert!(mean < 0.02 * largest, "lag {k}: {mean} of {largest} C");
+        }
+        // A ramp, or how far they are behind, shortens them.
+        let sum = |c: &[Vec<f64>]| c.iter().flatten().map(|v| v.abs()).sum::<f64>();
+        for form in [stirred(&data, 0), convective(&data, 0)] {
+            let sums: Vec<f64> = form.iter().map(|g| sum(g)).collect();
+            assert!(sums[0] < sum(&own) && sums.windows(2).all(|s| s[1] < s[0]), "{sums:?}");
+        }
+    }
+
+    #[test]
+    fn dry_friction_does_not_know_how_fast_it_went() {
+        let loops = |profile: &str| {
+            let plan = Plan::of(Profile::parse(profile).expect("a profile"), 1, 1);
+            let prepared = prepare_for(&[plan.simulate().recording], Units::default()).expect("usable");
+            let data = growth::data(&prepared).expect("a baseline");
+            let (low, high) = data.temperature_range();
+            // (The amplitudes are shares of the temperatures that the resonator had.)
+            friction(&data, 0)[0].iter().map(|z| z[z.len() - 1] / f64::from(high - low)).collect::<Vec<_>>()
+        };
+        let (slow, fast) = (loops("20,-30@0.5,1h,50@0.5,20m"), loops("20,-30@2,1h,50@2,20m"));
+        // (The wide loops are not full.)
+        for (slow, fast) in slow.iter().zip(&fast).take(5) {
+            assert!((slow / fast - 1.0).abs() < 0.03, "{slow} {fast}");
+        }
+    }
+}
