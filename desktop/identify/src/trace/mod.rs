@@ -1122,7 +1122,7 @@ mod tests {
             printed.contains("x 2.07 floors [0.95, 2.33]: may be noise") && !printed.contains("more than noise"),
             "{printed}"
         );
-        // Where the image holds the baseline, its own figure stands beside the model's.
+        // The figure of an image that holds the baseline stands beside the model's.
         let mut r = traced(&["kink:size=4"], 81);
         assert!(!report_text::verdict(&r).contains("the image does not hold them"), "{}", r.verdict);
         r.block.as_mut().expect("an image").get_mut("x").expect("an axis").model = report::AxisModel::Baseline;

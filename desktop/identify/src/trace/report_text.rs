@@ -185,7 +185,7 @@ fn named(e: &Found, times: usize, there: usize) -> String {
 fn left(r: &Report) -> String {
     let lacking: Vec<&str> =
         r.effects.iter().filter(|e| e.reach.starts_with("needs ")).map(|e| e.name.as_str()).collect();
-    // (Where the image does not hold what the model has, the model's figure is not what the unit will leave.)
+    // (The figure of the model is not what the unit will leave if the image does not hold its effects.)
     let without_effects = |n: &str| {
         let named = r.effects.iter().any(|e| e.axes.contains_key(n)) && lacking.is_empty();
         let axis = r.block.as_ref().map(|b| &b[n]).filter(|b| named && b.model != AxisModel::Extended)?;
