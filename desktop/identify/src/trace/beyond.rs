@@ -47,9 +47,10 @@ fn convective(data: &Data<'_>, a: usize) -> Vec<Vec<Vec<f64>>> {
 /// Lags less temperature; `faster` gives by what each is faster, from how far it is behind (C) and the ramp (C per minute).
 fn lags(data: &Data<'_>, a: usize, faster: impl Fn(f64, f64) -> f64) -> Vec<Vec<f64>> {
     let Some(taus) = (card(EffectId::LagLadder).grid)(&data.extent()).first().map(Taus::of) else { return vec![] };
+    let states = data.states(a);
     let lag = |k: usize| {
         let tau_s = f64::from(rung(taus.tau_min_s, taus.tau_max_s, k, RUNGS));
-        stepped(data, a, |behind, step_s, from, to, ramp| {
+        stepped(data, a, &states, |behind, step_s, from, to, ramp| {
             // (Exact for a straight line of temperature.)
             let times = step_s * faster(behind, ramp) / tau_s;
             let steady = (to - from) / times;
@@ -63,10 +64,10 @@ fn lags(data: &Data<'_>, a: usize, faster: impl Fn(f64, f64) -> f64) -> Vec<Vec<
 /// do not depend on the ramp.
 fn friction(data: &Data<'_>, a: usize) -> Vec<Vec<Vec<f64>>> {
     let (low, high) = data.temperature_range();
-    let span = (high - low).max(1.0);
+    let (span, states) = ((high - low).max(1.0), data.states(a));
     let loops = (0..RUNGS).map(|k| {
         let amplitude = f64::from(rung(0.02 * span, 1.5 * span, k, RUNGS));
-        stepped(data, a, move |z, _, from, to, _| {
+        stepped(data, a, &states, |z, _, from, to, _| {
             let left = (-(to - from).abs() / amplitude).exp();
             z * left + (to - from).signum() * amplitude * (1.0 - left)
         })
@@ -75,9 +76,14 @@ fn friction(data: &Data<'_>, a: usize) -> Vec<Vec<Vec<f64>>> {
 }
 
 /// A state from zero at the begin of each run, on the kept blocks: `step` gives the next one from the last, the seconds between them, the two temperatures
-/// (C), and the ramp (C per minute).
-fn stepped(data: &Data<'_>, a: usize, step: impl Fn(f64, f64, f64, f64, f64) -> f64) -> Vec<f64> {
-    let (rows, states) = (&data.axes[a], data.states(a));
+/// (C), and the ramp (C per minute). `states`: [`Data::states`] of the axis.
+fn stepped(
+    data: &Data<'_>,
+    a: usize,
+    states: &[Option<(f64, f64)>],
+    step: impl Fn(f64, f64, f64, f64, f64) -> f64,
+) -> Vec<f64> {
+    let rows = &data.axes[a];
     let mut out = Vec::with_capacity(states.len());
     for number in 0..rows.starts.len() {
         let (mut state, mut last) = (0.0, None);
@@ -96,16 +102,13 @@ fn stepped(data: &Data<'_>, a: usize, step: impl Fn(f64, f64, f64, f64, f64) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fit::independence::Units;
-    use crate::fit::prepare_for;
+    use crate::trace::data::tests::prepared;
     use crate::trace::data::Candidate;
     use crate::trace::growth;
-    use hrg_simulate::{Plan, Profile};
 
     #[test]
     fn lags_that_nothing_makes_faster_are_those_of_the_unit() {
-        let plan = Plan::of(Profile::parse("cycle").expect("a profile"), 1, 1);
-        let prepared = prepare_for(&[plan.simulate().recording], Units::default()).expect("usable");
+        let prepared = prepared("cycle");
         let data = growth::data(&prepared).expect("a baseline");
         let own = lags(&data, 0, |_, _| 1.0);
         let row = (card(EffectId::LagLadder).grid)(&data.extent())[0];
@@ -127,8 +130,7 @@ mod tests {
     #[test]
     fn dry_friction_does_not_know_how_fast_it_went() {
         let loops = |profile: &str| {
-            let plan = Plan::of(Profile::parse(profile).expect("a profile"), 1, 1);
-            let prepared = prepare_for(&[plan.simulate().recording], Units::default()).expect("usable");
+            let prepared = prepared(profile);
             let data = growth::data(&prepared).expect("a baseline");
             let (low, high) = data.temperature_range();
             // (The amplitudes are shares of the temperatures that the resonator had.)

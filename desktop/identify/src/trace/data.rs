@@ -658,18 +658,23 @@ fn begins_in_ramp(run: &Run, scaling: &Scaling) -> bool {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use crate::fit::independence::Units;
-    use crate::fit::prepare_for;
+    use crate::fit::{prepare_for, Prepared};
     use crate::trace::growth;
     use hrg_core::effects::parameters::Thresholds;
     use hrg_simulate::{Plan, Profile};
 
+    /// A run of a profile, prepared.
+    pub fn prepared(profile: &str) -> Prepared {
+        let plan = Plan::of(Profile::parse(profile).expect("a profile"), 1, 1);
+        prepare_for(&[plan.simulate().recording], Units::default()).expect("usable")
+    }
+
     #[test]
     fn what_switches_once_each_way_may_be_two_events() {
         let of = |profile: &str| {
-            let plan = Plan::of(Profile::parse(profile).expect("a profile"), 1, 1);
-            let prepared = prepare_for(&[plan.simulate().recording], Units::default()).expect("usable");
+            let prepared = prepared(profile);
             let data = growth::data(&prepared).expect("a baseline");
             (data.switches_again(Thresholds { on_c: 30.0, off_c: -10.0 }, 0), data.extent().path_repeats)
         };

@@ -28,6 +28,7 @@ const LARGEST_GAIN: f64 = 3.0;
 const NEGLIGIBLE: f64 = 10.0;
 /// A walk over the run that grows as large as the white part. (A group that gains little under white noise may gain most under this one.)
 const WALK: usize = 10;
+const _: () = assert!(NOISE_MODELS[WALK].phi > 0.999 && NOISE_MODELS[WALK].slow == 1.0);
 /// Steps towards the variances of highest evidence.
 const STEPS: usize = 12;
 

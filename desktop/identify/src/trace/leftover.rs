@@ -4,7 +4,7 @@
 //! final model of each axis, shrunk as a family is and with the noise model refitted: if one of them has evidence, structure is left there.
 //! (The residual on the verify run is judged by [`super::floor`].)
 
-use super::beyond::{Form, FORMS};
+use super::beyond::FORMS;
 use super::data::{AxisRows, Data};
 use super::evidence::{Axis, Extension, Part};
 use super::judge::Agreement;
@@ -63,11 +63,23 @@ pub fn on_verify(data: &Data<'_>, left: &[Vec<f64>; AXES]) -> [Vec<String>; AXES
 
 /// For each effect a form of another class, beyond the library, that is not excluded in its place by the odds at which a claim is made; in words.
 pub fn beyond(search: &mut Search<'_>, model: &Model, effects: &[Found]) -> Vec<Option<&'static str>> {
-    let within = |(k, e): (usize, &Found)| {
-        let other = |f: &&Form| card(f.like).class != e.class && search.odds_against(model, k, f) < THRESHOLD;
-        (e.class != Class::Event).then(|| FORMS.iter().find(other).map(|f| f.about)).flatten()
-    };
-    effects.iter().enumerate().map(within).collect()
+    let data = search.data();
+    let mut out = vec![None; effects.len()];
+    for form in &FORMS {
+        let tried =
+            |(k, e): &(usize, &Found)| out[*k].is_none() && e.class != Class::Event && e.class != card(form.like).class;
+        let tried: Vec<usize> = effects.iter().enumerate().filter(tried).map(|(k, _)| k).collect();
+        if tried.is_empty() {
+            continue;
+        }
+        let groups = [0, 1, 2].map(|a: usize| (form.groups)(data, a));
+        for k in tried {
+            if search.odds_against(model, k, &card(form.like), &groups) < THRESHOLD {
+                out[k] = Some(form.about);
+            }
+        }
+    }
+    out
 }
 
 /// Effects that describe something and do not explain it, by axis: those that the verify run does not confirm, or cannot, those in whose place
@@ -79,17 +91,16 @@ pub fn not_explained(effects: &[Found], beyond: &[Option<&str>]) -> [Vec<String>
         let mut left: Vec<String> = here
             .filter_map(|(e, beyond)| {
                 let why = match e.confirmed {
-                    Some(true) => match other_class(e.class, e.score, &e.rank) {
-                        Some(other) => format!("and {other} of another class is not excluded by odds of 99 to 1"),
-                        None if beyond.is_some() => {
-                            let form = beyond.unwrap_or_default();
-                            format!("and {form}, which no effect of the library has, is not excluded by odds of 99 to 1")
-                        }
-                        None if e.on_verify.get(AXIS_NAMES[a]).is_some_and(Agreement::is_of_another_size) => {
-                            "which the verify run shows in another size".into()
-                        }
-                        None => return None,
-                    },
+                    Some(true) => {
+                        let of_library =
+                            || Some(format!("{} of another class", other_class(e.class, e.score, &e.rank)?));
+                        let other = of_library()
+                            .or_else(|| beyond.map(|form| format!("{form}, which no effect of the library has,")));
+                        let of_another_size = e.on_verify.get(AXIS_NAMES[a]).is_some_and(Agreement::is_of_another_size);
+                        other
+                            .map(|other| format!("and {other} is not excluded by odds of 99 to 1"))
+                            .or_else(|| of_another_size.then(|| "which the verify run shows in another size".into()))?
+                    }
                     Some(false) => "which the verify run does not confirm".into(),
                     None if e.class == Class::Event => "and no other run can confirm it".into(),
                     None => "whose input the verify run does not have".into(),
