@@ -258,12 +258,11 @@ impl<P: Past> Model<P> {
                 let along = along_dph.map(|d| d[k]);
                 let past_dph = unknown.std_dph[k];
                 let axis = &self.calibration.axes[k];
-                let known = axis.visited.knows(&axis.ranges(), now.state.temperature_c, now.state.ramp_c_per_min);
-                if !known && now.known {
+                let unvisited_dph2 = axis.unvisited_dph2(scaling, &now.state);
+                if unvisited_dph2.is_some() && now.known {
                     output.status[k] |= AxisStatus::EXTRAPOLATED;
                 }
-                let unvisited_dph2 = if known { 0.0 } else { axis.visited.unvisited_dph2 };
-                let more_dph2 = past_dph * past_dph + unvisited_dph2 + input_dph2.unwrap_or(0.0);
+                let more_dph2 = past_dph * past_dph + unvisited_dph2.unwrap_or(0.0) + input_dph2.unwrap_or(0.0);
                 self.bias_std_dph[k] = axis.bias_std_dph(scaling, &now.state, along, more_dph2);
                 if !bias_dph[k].is_finite() {
                     self.bias_dph[k] = 0.0;
@@ -354,6 +353,21 @@ impl Axis {
             from_c_per_min: self.valid_from_c_per_min,
             to_c_per_min: self.valid_to_c_per_min,
         }
+    }
+
+    /// Variance that comes on top in a state which the fit has not seen, (deg/h)^2; `None` in one that it has.
+    #[inline(never)]
+    fn unvisited_dph2(&self, scaling: &bias::Scaling, state: &bias::State) -> Option<f32> {
+        let ranges = self.ranges();
+        let square = match &self.coefficients {
+            bias::Coefficients::One(k) => k[2],
+            bias::Coefficients::CoolingHeating(cooling, heating) => 0.5 * (cooling[2] + heating[2]),
+            // (An image of another model does not state its uncertainty.)
+            _ => 0.0,
+        };
+        let eighth_u = ranges.eighth_c() / scaling.t_scale_c;
+        let bend_dph = 2.0 * square * eighth_u * eighth_u;
+        self.visited.more_dph2(&ranges, state.temperature_c, state.ramp_c_per_min, bend_dph)
     }
 
     /// Standard uncertainty of the bias, deg/h: `along_dph` is what the effects add to each direction, `more_dph2` a variance that comes on

@@ -47,8 +47,8 @@ bitflags! {
         /// The temperature or its ramp is outside the range of the fit of scale factor and misalignment, whose value at the end of the
         /// range is used; or they were impossible and are limited ([`crate::rate_factors`]).
         const SCALE_FACTOR = 1 << 10;
-        /// The fit has not seen this temperature and this ramp together, though each lies in its range ([`crate::visited`]): the stated
-        /// uncertainty is that much larger.
+        /// The fit has not seen this temperature and this ramp together ([`crate::visited`]), though each may lie in its range: the stated
+        /// uncertainty is that much larger, and grows with the distance beyond a range.
         const EXTRAPOLATED = 1 << 11;
         /// An input that the calibration needs beside the frequencies is missing, stale ([`crate::inputs::Input::counts_s`]) or outside
         /// the range in which it was learnt: the stated uncertainty is larger by what the input's effects were ([`crate::inputs`]).

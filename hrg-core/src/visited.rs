@@ -4,6 +4,9 @@
 //! nothing of cooling at 20 C. The map has an eighth of the temperature range in each entry, with the slowest and the fastest of 16
 //! levels of the ramp range that were visited there: 64 bits. A state is known if its ramp lies within those two, one level wider.
 //!
+//! Beyond the ranges nothing is known. A model continues there along its tangents, and the slope of the bias may be another: with each
+//! eighth of the range it may go by as much as it may do in an unknown entry, and as its baseline bends from one eighth to the next.
+//!
 //! # Example
 //! ```
 //! use hrg_core::visited::{Ranges, Visited};
@@ -13,8 +16,15 @@
 //! map.visit(&ranges, 5.0, 1.5);
 //! map.visit(&ranges, 5.0, 0.0);
 //! assert!(map.knows(&ranges, 6.0, 0.7) && !map.knows(&ranges, 6.0, -1.0) && !map.knows(&ranges, -20.0, 0.7));
+//!
+//! // One eighth of the range beyond its end, and two.
+//! map.unvisited_dph2 = 0.01;
+//! map.visit(&ranges, 40.0, 0.0);
+//! assert!(!map.knows(&ranges, 50.0, 0.0));
+//! assert_eq!([40.0, 50.0, 60.0].map(|t| map.more_dph2(&ranges, t, 0.0, 0.0)), [None, Some(0.01), Some(0.04)]);
 //! ```
 
+use crate::bias::clamp;
 use crate::schema::layout;
 
 /// Entries over the temperature range.
@@ -41,12 +51,12 @@ pub struct Visited {
     /// For each eighth of the temperature range, coldest first: the lowest level of ramp visited in the lower four bits, the highest in the
     /// upper four; lowest above highest: none.
     pub visited_levels: [u8; TEMPERATURES],
-    /// Added to the variance of a bias beyond the map, (deg/h)^2: as much as the bias may do where nothing was seen.
+    /// Added to the variance of a bias in an unknown entry, (deg/h)^2: as much as the bias may do where nothing was seen.
     pub unvisited_dph2: f32,
 }
 layout! { Visited {
     visited_levels: [u8; TEMPERATURES], "for each eighth of the temperature range: lowest (bits 0 to 3) and highest (4 to 7) of 16 levels of the ramp range that the fit has seen there";
-    unvisited_dph2: f32, "added to the variance of a bias beyond these, (deg/h)^2";
+    unvisited_dph2: f32, "added to the variance of a bias beyond these, (deg/h)^2; beyond the ranges times the square of the distance in eighths of the range";
 } }
 
 impl Default for Visited {
@@ -71,14 +81,28 @@ impl Visited {
         }
     }
 
-    /// `true` if a state was visited, or lies within a level of ramps that were, at its temperature.
-    #[inline]
+    /// `true` if a state was visited, or lies within a level of ramps that were, at its temperature. Beyond the ranges nothing is known.
     #[must_use]
     pub fn knows(&self, ranges: &Ranges, temperature_c: f32, ramp_c_per_min: f32) -> bool {
+        self.more_dph2(ranges, temperature_c, ramp_c_per_min, 0.0).is_none()
+    }
+
+    /// Variance that comes on top of that of a bias in a state that is not known, (deg/h)^2; `None` for one that is. `bend_dph`: by how
+    /// much the baseline departs from a line from one eighth of the temperature range to the next, deg/h.
+    #[inline]
+    #[must_use]
+    pub fn more_dph2(&self, ranges: &Ranges, temperature_c: f32, ramp_c_per_min: f32, bend_dph: f32) -> Option<f32> {
         let (entry, level) = ranges.place(temperature_c, ramp_c_per_min);
         let levels = self.visited_levels.get(entry).copied().unwrap_or(0x0F);
         let (low, high) = (levels & 0xF, levels >> 4);
-        low <= high && level + 1 >= low && level <= high + 1
+        let inside = low <= high && level + 1 >= low && level <= high + 1;
+        let beyond = ranges.beyond(temperature_c, ramp_c_per_min);
+        if inside && beyond == [0.0; 2] {
+            return None;
+        }
+        let [of_temperature, of_ramp] = beyond.map(|n| n * n);
+        let unknown = if inside { 0.0 } else { 1.0 };
+        Some(self.unvisited_dph2 * (unknown + of_temperature + of_ramp) + bend_dph * bend_dph * of_temperature)
     }
 }
 
@@ -91,6 +115,24 @@ impl Ranges {
             at(self.from_c, self.to_c, entry, TEMPERATURES as f32),
             at(self.from_c_per_min, self.to_c_per_min, level, LEVELS as f32),
         )
+    }
+
+    /// An eighth of the temperature range, C.
+    #[inline]
+    #[must_use]
+    pub fn eighth_c(&self) -> f32 {
+        (self.to_c - self.from_c) / TEMPERATURES as f32
+    }
+
+    /// Distances of a temperature and a ramp beyond their ranges, in eighths of the range; 0 inside.
+    #[inline]
+    #[must_use]
+    pub fn beyond(&self, temperature_c: f32, ramp_c_per_min: f32) -> [f32; 2] {
+        let eighths = |x: f32, from: f32, to: f32| (x - clamp(x, from, to)).abs() / (to - from) * TEMPERATURES as f32;
+        [
+            eighths(temperature_c, self.from_c, self.to_c),
+            eighths(ramp_c_per_min, self.from_c_per_min, self.to_c_per_min),
+        ]
     }
 
     /// Entry of the temperature and level of the ramp; beyond the ranges the first or last.
@@ -130,9 +172,23 @@ mod tests {
         let mut map = Visited::none();
         map.visit(&RANGES, 10.0, 2.5);
         assert!(map.knows(&RANGES, 11.0, 2.6) && !map.knows(&RANGES, 11.0, 1.5) && !map.knows(&RANGES, 30.0, 2.5));
-        // Beyond the ranges, and for no number, there is an answer, too.
-        for (t, r) in [(1e9, 0.0), (-1e9, 1e9), (f32::NAN, f32::NAN)] {
-            let _ = map.knows(&RANGES, t, r);
+        // Beyond the ranges, and for no number, nothing is known.
+        for (t, r) in
+            [(1e9, 0.0), (-1e9, 1e9), (f32::NAN, f32::NAN), (60.01, 1.0), (-40.01, 1.0), (0.0, 3.01), (0.0, -1.01)]
+        {
+            assert!(!Visited::default().knows(&RANGES, t, r), "{t} {r}");
         }
+    }
+
+    #[test]
+    fn the_uncertainty_grows_with_the_distance() {
+        let map = Visited { unvisited_dph2: 0.04, ..Visited::default() };
+        let more = |t, r| map.more_dph2(&RANGES, t, r, 0.1);
+        // Ends of the ranges; one eighth beyond and two (12.5 C, 0.5 C per minute), warm, cold and fast.
+        assert_eq!([more(60.0, 1.0), more(-40.0, 1.0), more(0.0, 3.0)], [None; 3]);
+        let near = |a: Option<f32>, b: f32| a.is_some_and(|a| (a - b).abs() < 1e-6);
+        assert!(near(more(72.5, 1.0), 0.05) && near(more(-65.0, 1.0), 0.2) && near(more(0.0, 3.5), 0.04));
+        let empty = Visited { unvisited_dph2: 0.04, ..Visited::none() };
+        assert!(near(empty.more_dph2(&RANGES, 0.0, 0.0, 0.1), 0.04));
     }
 }

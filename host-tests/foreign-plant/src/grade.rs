@@ -404,6 +404,15 @@ fn on_third(judged: &[&Graded], share: &dyn Fn(usize, usize) -> String, row: &mu
             share(burnt.iter().filter(|g| g.hurts()).count(), burnt.len()),
         );
     }
+    let mut unseen: Vec<f64> = with.iter().flat_map(|g| &g.third).filter_map(|t| t.unseen).collect();
+    unseen.sort_by(f64::total_cmp);
+    if !unseen.is_empty() {
+        let quantile = |q: f64| unseen[((unseen.len() - 1) as f64 * q).round() as usize];
+        row(
+            "third run, where the unit flags what the fit has not seen: squared error over stated variance, median, 90th percentile, axes",
+            format!("{:.2}, {:.2}, {}", quantile(0.5), quantile(0.9), unseen.len()),
+        );
+    }
     let axes: Vec<&OnThird> = with.iter().flat_map(|g| &g.third).filter(|t| t.squared.is_some()).collect();
     for (name, from, to) in [("below 2", 0.0, 2.0), ("2 to 4", 2.0, 4.0), ("above 4", 4.0, f64::INFINITY)] {
         let mut each: Vec<f64> =

@@ -9,6 +9,8 @@ use std::process::Command;
 const MEAN_S: f64 = 100.0;
 /// Status bits that do not say that a bias is beyond what was calibrated: the unit is settling.
 const SETTLING: u32 = 1 << 7;
+/// Status bits of a temperature or ramp that the fit has not seen: beyond its range, or not together.
+const UNSEEN: u32 = 1 << 1 | 1 << 2 | 1 << 11;
 
 /// One axis on the third run.
 #[derive(Debug, Clone)]
@@ -19,6 +21,8 @@ pub struct OnThird {
     pub baseline_floors: f64,
     /// Squared error of the bias over the variance that is stated, constant included: means over the run where the unit flags nothing.
     pub squared: Option<f64>,
+    /// The same where the unit flags what the fit has not seen.
+    pub unseen: Option<f64>,
     /// Shares of the means within 1 and 1.96 standard uncertainties there.
     pub within: [f64; 2],
     /// Means behind those.
@@ -118,25 +122,28 @@ pub fn third(hrg: &Path, truth: &Value, folder: &Path, image: &Path, baseline: &
         };
         let (own, base) = (error(&ours)?, error(&theirs)?);
         let std = ours.means(&format!("bias_std_{axis}_dph"), |v| v)?;
-        let flagged = ours.means(&format!("status_{axis}"), |v| f64::from(u8::from((v as u32) & !SETTLING != 0)))?;
+        let share = |bits: u32| ours.means(&format!("status_{axis}"), |v| f64::from(u8::from((v as u32) & bits != 0)));
+        let (flagged, unseen) = (share(!SETTLING)?, share(UNSEEN)?);
         let floors = |e: &[f64]| {
             let good: Vec<f64> = e.iter().copied().filter(|v| v.is_finite()).collect();
             (crate::means::deviation(&good).powi(2) + floor * floor).sqrt() / floor
         };
-        let stated: Vec<(f64, f64)> = own
-            .iter()
-            .zip(&std)
-            .zip(&flagged)
-            .filter(|((e, s), f)| e.is_finite() && **s > 0.0 && **f < 0.5)
-            .map(|((e, s), _)| (*e, *s))
-            .collect();
+        let rows = |of: &dyn Fn(usize) -> bool| -> Vec<(f64, f64)> {
+            let rows = own.iter().zip(&std).map(|(e, s)| (*e, *s)).enumerate();
+            rows.filter(|(k, (e, s))| e.is_finite() && *s > 0.0 && of(*k)).map(|(_, row)| row).collect()
+        };
+        let squared = |rows: &[(f64, f64)]| {
+            let (squares, variances) = rows.iter().fold((0.0, 0.0), |(a, b), (e, s)| (a + e * e, b + s * s));
+            (rows.len() > 10).then(|| squares / variances)
+        };
+        let stated = rows(&|k| flagged[k] < 0.5);
         let n = stated.len();
         let within = [1.0, 1.96].map(|k| stated.iter().filter(|(e, s)| e.abs() < k * s).count() as f64 / n as f64);
-        let (squares, variances) = stated.iter().fold((0.0, 0.0), |(a, b), (e, s)| (a + e * e, b + s * s));
         out.push(OnThird {
             image_floors: floors(&own),
             baseline_floors: floors(&base),
-            squared: (n > 10).then(|| squares / variances),
+            squared: squared(&stated),
+            unseen: squared(&rows(&|k| unseen[k] >= 0.5)),
             within,
             count: n,
         });

@@ -3,10 +3,17 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use foreign_plant::generate::Generated;
+use hrg_core::status::AxisStatus;
 use hrg_data::recording::Recording;
-use hrg_identify::trace::{trace, Report};
+use hrg_identify::fit::correct::correct;
+use hrg_identify::trace::{trace, Report, Trace};
 
 fn traced(case: &str) -> (Generated, Report) {
+    let (made, trace) = whole(case);
+    (made, trace.report)
+}
+
+fn whole(case: &str) -> (Generated, Trace) {
     let case = foreign_plant::cases().into_iter().find(|c| c.name == case).expect("a case of the plant");
     let made = case.generate(1);
     let folder = std::env::temp_dir().join(format!("hrg-foreign-{}-{}", case.name, std::process::id()));
@@ -18,9 +25,9 @@ fn traced(case: &str) -> (Generated, Report) {
     };
     let train: Vec<Recording> = made.train.iter().enumerate().map(|(k, r)| load(r, &format!("train{k}.csv"))).collect();
     let verify = load(&made.verify, "verify.csv");
-    let report = trace(&train, &verify).expect("traces").report;
+    let trace = trace(&train, &verify).expect("traces");
     std::fs::remove_dir_all(&folder).expect("removed");
-    (made, report)
+    (made, trace)
 }
 
 /// Floors that the written image leaves on the worst axis.
@@ -89,4 +96,27 @@ fn a_recorded_quantity_does_not_stand_for_two_effects_of_the_resonator() {
     let classes: Vec<&str> = report.effects.iter().map(|e| e.class.name()).collect();
     assert!(!classes.contains(&"input") && classes.contains(&"memory") && classes.contains(&"power-on"), "{classes:?}");
     println!("mix-logarithm-two-poles: {:.2} floors", left(&made, &report));
+}
+
+#[test]
+fn beyond_the_temperatures_of_the_fit_the_stated_uncertainty_grows() {
+    // Clean; trained from 10 to 35 C, verified from -37 to 60 C: up to fifteen eighths of the train run's range beyond it.
+    let (_, trace) = whole("span-narrow");
+    let seconds = correct(&trace.image, &trace.verify.steps);
+    for a in trace.verify.steps.present() {
+        let ranges = trace.image.axes[a].ranges();
+        let (mut inside, mut far) = (0.0f32, f32::INFINITY);
+        for s in seconds.iter().skip(trace.verify.steps.run_in).filter(|s| s.corrected_dph[a].is_finite()) {
+            let [beyond, _] = ranges.beyond(s.temperature_c[a], 0.0);
+            let flagged = s.status[a] & AxisStatus::EXTRAPOLATED.bits() != 0;
+            assert!(flagged || beyond == 0.0, "{beyond} eighths beyond, and not flagged");
+            if !flagged {
+                inside = inside.max(s.bias_std_dph[a]);
+            } else if beyond > 10.0 {
+                far = far.min(s.bias_std_dph[a]);
+            }
+        }
+        println!("span-narrow, axis {a}: {inside:.3} deg/h stated inside, {far:.3} and more ten eighths beyond");
+        assert!(far > 2.0 * inside, "{far} {inside}");
+    }
 }

@@ -29,7 +29,8 @@ const HEAD: &str = "\
 # uncertainty_rest_dph2 and the directions give the standard uncertainty of the bias. Learnt from one train run, it does not hold the
 # constant that changes with each power-on.
 # visited_levels: for each eighth of the temperatures of the fit, the lowest (bits 0 to 3) and highest (4 to 7) of 16 levels of its ramps
-# that were visited there; beyond them the unit flags extrapolated, and unvisited_dph2 comes on top of the variance.
+# that were visited there; beyond them the unit flags extrapolated, and unvisited_dph2 comes on top of the variance; beyond the ranges it
+# counts by the square of the distance in eighths of the range.
 # input: what the effects need beside the frequencies; they count it from its reference and within its range.
 # block_crc32 is the checksum of the binary image: a number changed by hand no longer matches.
 ";

@@ -5,25 +5,60 @@
 //! claim. The forms are families: all that they cost is what a family of their class costs.
 
 use super::data::Data;
+use super::model::TEMPERATURE_TERMS;
+use hrg_core::bias::TERMS;
 use hrg_core::effects::parameters::{Parameters, Taus};
 use hrg_core::effects::{rung, EffectId};
 use hrg_data::cards::card;
+use hrg_data::recording::steps::Run;
 
 /// A form, as a family of columns.
 pub struct Form {
     /// In words.
     pub about: &'static str,
+    /// How to tell it from an effect of another class, in words.
+    pub told_by: &'static str,
     /// The family of the library whose class and prior odds it has.
     pub like: EffectId,
+    /// Set if its columns are ramp terms in the place of the baseline's.
+    pub of_ramp: bool,
     /// Groups of columns on the kept blocks of an axis; each is one try.
     pub groups: fn(&Data<'_>, usize) -> Vec<Vec<Vec<f64>>>,
 }
 
+/// Words by which a report says that an effect may be such a form.
+pub const OF_A_FORM: &str = "which no effect of the library has";
+
 /// All of them.
-pub const FORMS: [Form; 3] = [
-    Form { about: "a delay that is shorter while the temperature moves", like: EffectId::LagLadder, groups: stirred },
-    Form { about: "a delay that is shorter, the further it is behind", like: EffectId::LagLadder, groups: convective },
-    Form { about: "dry friction", like: EffectId::PlayLadder, groups: friction },
+pub const FORMS: [Form; 4] = [
+    Form {
+        about: "a delay that is shorter while the temperature moves",
+        told_by: "slow and fast ramps tell the two apart",
+        like: EffectId::LagLadder,
+        of_ramp: false,
+        groups: stirred,
+    },
+    Form {
+        about: "a delay that is shorter, the further it is behind",
+        told_by: "small and large changes of temperature tell the two apart",
+        like: EffectId::LagLadder,
+        of_ramp: false,
+        groups: convective,
+    },
+    Form {
+        about: "dry friction",
+        told_by: "slow and fast ramps tell the two apart",
+        like: EffectId::PlayLadder,
+        of_ramp: false,
+        groups: friction,
+    },
+    Form {
+        about: "a thermometer that reads in steps",
+        told_by: "a finer thermometer tells the two apart",
+        like: EffectId::ThermometerError,
+        of_ramp: true,
+        groups: in_steps,
+    },
 ];
 
 /// Columns of a family.
@@ -73,6 +108,59 @@ fn friction(data: &Data<'_>, a: usize) -> Vec<Vec<Vec<f64>>> {
         })
     });
     vec![loops.collect()]
+}
+
+/// Ramp terms of the baseline of the temperature as it may have gone: in straight lines through the middles of the thermometer's steps. None where no
+/// thermometer of the axis [reads in steps](reads_in_steps).
+fn in_steps(data: &Data<'_>, a: usize) -> Vec<Vec<Vec<f64>>> {
+    if !data.runs.iter().any(|run| reads_in_steps(&run.steps.frequency_hz[a])) {
+        return vec![];
+    }
+    let smooth = |run: &Run| {
+        let mut steps = run.steps.clone();
+        steps.frequency_hz[a] = through_the_steps(&steps.frequency_hz[a]);
+        Run::new(steps, run.curves)
+    };
+    let smooth: Vec<Run> = data.runs.iter().map(smooth).collect();
+    let smooth = Data::in_blocks(&smooth, data.scaling, data.lag_s.into(), data.coarse_s);
+    // (A step may be larger than what a temperature can do in a second: then the unit did not believe it.)
+    let (smooth, keep) = (&smooth.axes[a], &data.axes[a].keep);
+    let Some(rows) = keep.iter().map(|k| smooth.keep.binary_search(k).ok()).collect::<Option<Vec<usize>>>() else {
+        return vec![];
+    };
+    let of_rows = |column: &Vec<f64>| rows.iter().map(|k| column[*k]).collect();
+    vec![smooth.base[TEMPERATURE_TERMS..TERMS].iter().map(of_rows).collect()]
+}
+
+/// `true` if a thermometer gives the reading of a second before more often than another one.
+pub fn reads_in_steps(readings: &[f64]) -> bool {
+    let (mut same, mut other) = (0, 0);
+    for pair in readings.windows(2).filter(|p| p[0].is_finite() && p[1].is_finite()) {
+        *(if pair[0] == pair[1] { &mut same } else { &mut other }) += 1;
+    }
+    same > other && other > 0
+}
+
+/// Readings on straight lines from the middle of each step to that of the next; before the first and behind the last as they are. Gaps stay.
+fn through_the_steps(readings: &[f64]) -> Vec<f64> {
+    let mut out = readings.to_vec();
+    let mut last: Option<(f64, f64)> = None;
+    for k in 1..readings.len() {
+        let [before, now] = [readings[k - 1], readings[k]];
+        if !(before.is_finite() && now.is_finite()) {
+            last = None;
+        } else if before != now {
+            let here = (k as f64 - 0.5, 0.5 * (before + now));
+            if let Some(from) = last {
+                let slope = (here.1 - from.1) / (here.0 - from.0);
+                for (j, v) in out.iter_mut().enumerate().take(k).skip(from.0.ceil() as usize) {
+                    *v = from.1 + slope * (j as f64 - from.0);
+                }
+            }
+            last = Some(here);
+        }
+    }
+    out
 }
 
 /// A state from zero at the begin of each run, on the kept blocks: `step` gives the next one from the last, the seconds between them, the two temperatures
@@ -125,6 +213,36 @@ mod tests {
             let sums: Vec<f64> = form.iter().map(|g| sum(g)).collect();
             assert!(sums[0] < sum(&own) && sums.windows(2).all(|s| s[1] < s[0]), "{sums:?}");
         }
+    }
+
+    #[test]
+    fn steps_of_a_thermometer_are_taken_for_straight_lines() {
+        let lines = through_the_steps(&[1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, f64::NAN, 3.0, 3.0]);
+        assert_eq!(lines[..7], [1.0, 1.0, 1.625, 1.875, 2.125, 2.375, 3.0]);
+        assert!(lines[7].is_nan() && lines[8..] == [3.0; 2]);
+        assert!(
+            reads_in_steps(&[1.0, 1.0, 2.0, 2.0]) && !reads_in_steps(&[1.0, 2.0, 3.0]) && !reads_in_steps(&[1.0; 9])
+        );
+    }
+
+    #[test]
+    fn ramps_through_the_steps_are_nearer_to_the_true_ones() {
+        let mut prepared = prepared("cycle");
+        let ramps = |columns: &[Vec<f64>]| columns[0].clone();
+        let (truth, read_fine) = {
+            let data = growth::data(&prepared).expect("a baseline");
+            (ramps(&data.axes[0].base[TEMPERATURE_TERMS..]), in_steps(&data, 0))
+        };
+        assert!(read_fine.is_empty());
+        // Steps of about 0.2 C.
+        let mut steps = prepared.runs[0].steps.clone();
+        steps.frequency_hz[0].iter_mut().for_each(|f| *f = (*f / 0.1).round() * 0.1);
+        prepared.runs[0] = Run::new(steps, prepared.runs[0].curves);
+        let data = growth::data(&prepared).expect("a baseline");
+        let off = |ramps: &[f64]| ramps.iter().zip(&truth).map(|(r, t)| (r - t).powi(2)).sum::<f64>();
+        let (read, lines) = (off(&ramps(&data.axes[0].base[TEMPERATURE_TERMS..])), off(&ramps(&in_steps(&data, 0)[0])));
+        println!("squared errors of the ramps: {read:.3} as read, {lines:.3} through the steps");
+        assert!(lines < 0.25 * read, "{lines} {read}");
     }
 
     #[test]

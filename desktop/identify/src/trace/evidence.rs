@@ -41,6 +41,14 @@ pub struct Share {
     pub variance: f64,
 }
 
+impl Share {
+    /// The same, free to do what an effect that is taken out has done: its variance begins at 1 at the least. From next to nothing it would not come
+    /// back where a noise model stands in for it.
+    pub fn free(&self) -> Self {
+        Self { variance: self.variance.max(1.0), ..*self }
+    }
+}
+
 /// One axis under one noise model.
 ///
 /// Whitened columns are not kept, as there are hundreds of them for each noise model: with `W` the whitening and `Q` an orthonormal basis of the
@@ -418,6 +426,7 @@ impl<'d> Axis<'d> {
         let mut own = shares.to_vec();
         let products: [Products; NOISE_MODELS.len()] = std::array::from_fn(|s| self.products(s, shares));
         let (mut each, mut best) = self.under_each(&products, &own);
+
         for _ in 0..3 {
             self.optimise(best, &products[best], &mut own);
             let (now, next) = self.under_each(&products, &own);

@@ -4,10 +4,9 @@
 //! final model of each axis, shrunk as a family is and with the noise model refitted: if one of them has evidence, structure is left there.
 //! (The residual on the verify run is judged by [`super::floor`].)
 
-use super::beyond::FORMS;
+use super::beyond::{Form, FORMS, OF_A_FORM};
 use super::data::{AxisRows, Data};
 use super::evidence::{Axis, Extension, Part};
-use super::judge::Agreement;
 use super::model::Fitted;
 use super::noise::NOISE_MODELS;
 use super::odds::THRESHOLD;
@@ -61,8 +60,8 @@ pub fn on_verify(data: &Data<'_>, left: &[Vec<f64>; AXES]) -> [Vec<String>; AXES
     })
 }
 
-/// For each effect a form of another class, beyond the library, that is not excluded in its place by the odds at which a claim is made; in words.
-pub fn beyond(search: &mut Search<'_>, model: &Model, effects: &[Found]) -> Vec<Option<&'static str>> {
+/// For each effect a form of another class, beyond the library, that is not excluded in its place by the odds at which a claim is made.
+pub fn beyond(search: &mut Search<'_>, model: &Model, effects: &[Found]) -> Vec<Option<&'static Form>> {
     let data = search.data();
     let mut out = vec![None; effects.len()];
     for form in &FORMS {
@@ -73,9 +72,12 @@ pub fn beyond(search: &mut Search<'_>, model: &Model, effects: &[Found]) -> Vec<
             continue;
         }
         let groups = [0, 1, 2].map(|a: usize| (form.groups)(data, a));
+        if groups.iter().all(Vec::is_empty) {
+            continue;
+        }
         for k in tried {
-            if search.odds_against(model, k, &card(form.like), &groups) < THRESHOLD {
-                out[k] = Some(form.about);
+            if search.odds_against(model, k, form, &groups) < THRESHOLD {
+                out[k] = Some(form);
             }
         }
     }
@@ -85,21 +87,27 @@ pub fn beyond(search: &mut Search<'_>, model: &Model, effects: &[Found]) -> Vec<
 /// Effects that describe something and do not explain it, by axis: those that the verify run does not confirm, or cannot, those in whose place
 /// an effect of another class, or a form `beyond` the library, is not excluded by the odds at which a claim is made, and those that the verify run shows in
 /// another size.
-pub fn not_explained(effects: &[Found], beyond: &[Option<&str>]) -> [Vec<String>; AXES] {
+pub fn not_explained(effects: &[Found], beyond: &[Option<&Form>]) -> [Vec<String>; AXES] {
     [0, 1, 2].map(|a: usize| {
         let here = effects.iter().zip(beyond).filter(|(e, _)| e.axes.contains_key(AXIS_NAMES[a]));
         let mut left: Vec<String> = here
             .filter_map(|(e, beyond)| {
                 let why = match e.confirmed {
                     Some(true) => {
-                        let of_library =
-                            || Some(format!("{} of another class", other_class(e.class, e.score, &e.rank)?));
-                        let other = of_library()
-                            .or_else(|| beyond.map(|form| format!("{form}, which no effect of the library has,")));
-                        let of_another_size = e.on_verify.get(AXIS_NAMES[a]).is_some_and(Agreement::is_of_another_size);
-                        other
-                            .map(|other| format!("and {other} is not excluded by odds of 99 to 1"))
-                            .or_else(|| of_another_size.then(|| "which the verify run shows in another size".into()))?
+                        let is_not = "is not excluded by odds of 99 to 1";
+                        let of_library = || {
+                            let other = other_class(e.class, e.score, &e.rank)?;
+                            Some(format!("and {other} of another class {is_not}"))
+                        };
+                        let of_form = || {
+                            let Form { about, told_by, .. } = beyond.as_ref()?;
+                            Some(format!("and {about}, {OF_A_FORM}, {is_not} ({told_by})"))
+                        };
+                        let of_another_size = || {
+                            let agreement = e.on_verify.get(AXIS_NAMES[a])?;
+                            agreement.is_of_another_size().then(|| "which the verify run shows in another size".into())
+                        };
+                        of_library().or_else(of_form).or_else(of_another_size)?
                     }
                     Some(false) => "which the verify run does not confirm".into(),
                     None if e.class == Class::Event => "and no other run can confirm it".into(),

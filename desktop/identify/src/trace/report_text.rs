@@ -2,6 +2,7 @@
 //!
 //! The verdict has four lines: burn or not; why; what is left; the next step.
 
+use super::beyond::OF_A_FORM;
 use super::odds::THRESHOLD;
 use super::report::{three_digits, AxisModel, ByAxis, Found, Image, Judged, OnVerify, Report, VerdictKind};
 use hrg_core::effects::EffectId;
@@ -90,11 +91,16 @@ fn burn(r: &Report) -> String {
         "on {} it leaves too much of what the baseline leaves to be the better one on another profile, too (--judge RUN with a third one tells; --repeat-is-enough if the unit will never meet another)",
         list(&axes)
     );
+    let worse: Vec<&String> = r.judge.iter().filter(|(_, j)| j.worse_than_a_constant).map(|(n, _)| n).collect();
+    let worse_than = format!(
+        "on {} its error, the day's constant included, is larger than that of a constant alone, of no correction or of the baseline",
+        list(&worse)
+    );
     let why = match r.image {
         Image::Baseline if r.effects.is_empty() => return format!("Nothing beyond the baseline to burn: {figures}."),
         Image::Baseline => "no effect that a unit can compute was borne out, and the image is the baseline alone",
         _ if r.verify_repeats_train => "the verify run repeats the profile of a train run and shows nothing of other temperatures and ramps (--repeat-is-enough if the unit will never meet another)",
-        _ if r.judge.values().any(|j| j.worse_than_a_constant) => "on an axis its error, the day's constant included, is larger than that of a constant alone, of no correction or of the baseline",
+        _ if !worse.is_empty() => &worse_than,
         _ if !judged_good(r) => "the run that judges does not bear it out",
         _ if !axes.is_empty() => &elsewhere,
         _ => "it does not beat the image in use by more than its uncertainty",
@@ -131,9 +137,13 @@ fn why(r: &Report) -> String {
     let mut parts = Vec::new();
     let (yes, no, open) = (of(Some(true)), of(Some(false)), of(None));
     if !yes.is_empty() {
-        parts.push(format!("the verify run confirms {}", list(&yes)));
+        let but = if r.image == Image::Baseline { ", and an image with it is not the better one" } else { "" };
+        parts.push(format!("the verify run confirms {}{but}", list(&yes)));
     }
-    if !no.is_empty() {
+    if r.burn && yes.is_empty() && !no.is_empty() {
+        let each = if no.len() > 1 { "none of its effects alone" } else { "not its effect in the size that it has" };
+        parts.push(format!("the run that judges bears the image out; the verify run confirms {each}: {}", list(&no)));
+    } else if !no.is_empty() {
         parts.push(format!("it does not confirm {}", list(&no)).replacen(
             "it does",
             if parts.is_empty() { "the verify run does" } else { "it does" },
@@ -225,10 +235,11 @@ fn left(r: &Report) -> String {
             100.0 * r.outside_fit
         );
     }
-    if r.visited < 0.995 {
+    let apart = 1.0 - r.visited - r.outside_fit;
+    if apart >= 0.005 {
         s += &format!(
             " {:.0} % of the verify run combines temperatures and ramps that never occurred together in the train runs; the unit flags those rows.",
-            100.0 * (1.0 - r.visited)
+            100.0 * apart
         );
     }
     s
@@ -354,10 +365,13 @@ fn about_structure(r: &Report) -> Vec<String> {
     }
     let one = |(left, axes): (&[String], Vec<&str>)| {
         let axes = if axes.len() == 1 { format!("axis {}", axes[0]) } else { format!("axes {}", list(&axes)) };
-        format!(
-            "{axes}: structure is left {}. A repeat of the same run shows if it belongs to the unit or to that day",
-            left.join("; ")
-        )
+        // (A repeat shows a form beyond the library again.)
+        let repeat = if left.iter().all(|l| l.contains(OF_A_FORM)) {
+            ""
+        } else {
+            ". A repeat of the same run shows if it belongs to the unit or to that day"
+        };
+        format!("{axes}: structure is left {}{repeat}", left.join("; "))
     };
     groups.into_iter().map(one).collect()
 }

@@ -227,7 +227,8 @@ fn stated(
 
 /// Variance of the bias of an axis where the runs of the fit have not been, (deg/h)^2: the mean over the unknown entries of its map. The
 /// baseline's coefficients are as uncertain there as their covariance says; the effects of the model may be others that do the same on the
-/// runs of the fit, and so are uncertain by all that they do there (`effects_dph2`, their mean square).
+/// runs of the fit, and so are uncertain by all that they do there (`effects_dph2`, their mean square). With no unknown entry it counts beyond
+/// the ranges alone.
 pub fn unvisited(axis: &Axis, scaling: &Scaling, covariance: &DMatrix<f64>, effects_dph2: f64) -> f64 {
     let ranges = axis.ranges();
     let places = (0..TEMPERATURES).flat_map(|entry| (0..LEVELS).map(move |level| (entry, level)));
@@ -239,10 +240,7 @@ pub fn unvisited(axis: &Axis, scaling: &Scaling, covariance: &DMatrix<f64>, effe
             (x.transpose() * covariance.view((0, 0), (TERMS, TERMS)) * &x)[(0, 0)]
         })
         .collect();
-    if each.is_empty() {
-        return 0.0;
-    }
-    each.iter().sum::<f64>() / each.len() as f64 + effects_dph2
+    effects_dph2 + each.iter().sum::<f64>() / each.len().max(1) as f64
 }
 
 /// Numbers of the coefficients that the unit has.

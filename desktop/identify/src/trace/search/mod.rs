@@ -335,7 +335,8 @@ impl<'a> Search<'a> {
         let group = next.groups.remove(k);
         for a in 0..AXES {
             if state.axes[a].shares.iter().any(|s| s.group == group) {
-                let shares: Vec<Share> = state.axes[a].shares.iter().filter(|s| s.group != group).copied().collect();
+                let left = state.axes[a].shares.iter().filter(|s| s.group != group);
+                let shares: Vec<Share> = left.map(Share::free).collect();
                 next.axes[a] = self.axes[a].best(&shares);
             }
         }
@@ -350,6 +351,7 @@ impl<'a> Search<'a> {
             let mut shares = state.axes[a].shares.clone();
             let Some(s) = shares.iter_mut().find(|s| s.group == old) else { continue };
             s.group = group;
+            let shares: Vec<Share> = shares.iter().map(Share::free).collect();
             next.axes[a] = self.axes[a].best(&shares);
         }
         next
@@ -663,6 +665,21 @@ impl<'a> Search<'a> {
         let gains = self.axes[a].extensions(model, &offered).split_off(count);
         self.axes[a].truncate(count);
         gains.into_iter().map(|e| e.map_or(0.0, |e| e.evidence - model.evidence)).collect()
+    }
+
+    /// Evidence that each of some groups of columns adds to a model on one axis in the place of the baseline's ramp terms.
+    fn evidence_of_ramps(&mut self, model: &AxisModel, a: usize, groups: Vec<Vec<Vec<f64>>>) -> Vec<f64> {
+        let count = self.candidates.len();
+        let axis = &mut self.axes[a];
+        let mut gain = |columns| {
+            axis.push(Some(vec![Part::New(columns)]));
+            let shares =
+                model.shares.iter().map(|s| Share { group: if s.group == RAMP { count } else { s.group }, ..s.free() });
+            let gain = axis.best(&shares.collect::<Vec<_>>()).evidence - model.evidence;
+            axis.truncate(count);
+            gain
+        };
+        groups.into_iter().map(&mut gain).collect()
     }
 
     fn model(&mut self, state: State) -> Model {

@@ -1,11 +1,12 @@
 //! Candidates for the place of an effect: by evidence, by the quantities that sensors record, and by the profile alone.
 
 use super::{odds, AxisModel, Model, Score, Search, State, RAMP};
+use crate::trace::beyond::Form;
 use crate::trace::data::Candidate;
 use crate::trace::noise::{Basis, NOISE_MODELS};
 use hrg_core::effects::EffectId;
 use hrg_core::AXES;
-use hrg_data::cards::{Card, Class, Kind};
+use hrg_data::cards::{card, Class, Kind};
 use hrg_data::numeric::stats::dot;
 
 /// Candidate for the place of an effect.
@@ -80,25 +81,29 @@ impl Search<'_> {
         out
     }
 
-    /// Log odds of an effect against the best of some groups of columns in its place (by axis), on the axes that get something from it, at the prior odds
-    /// of a card.
+    /// Log odds of an effect against the best of the groups of a form in its place (by axis), on the axes that get something from it.
     pub fn odds_against(
         &mut self,
         model: &Model,
         which: usize,
-        like: &Card,
+        form: &Form,
         groups: &[Vec<Vec<Vec<f64>>>; AXES],
     ) -> f64 {
         let others = self.without(&model.state, which);
         let classes: Vec<Class> = others.groups.iter().map(|g| self.card(*g).class).collect();
         let mut gains: Vec<f64> = Vec::new();
         for a in (0..AXES).filter(|a| !self.data.axes[*a].y.is_empty()) {
-            let each = self.evidence_beside(&others.axes[a], a, groups[a].clone());
+            let own = groups[a].clone();
+            let each = if form.of_ramp {
+                self.evidence_of_ramps(&others.axes[a], a, own)
+            } else {
+                self.evidence_beside(&others.axes[a], a, own)
+            };
             gains.resize(each.len(), 0.0);
             gains.iter_mut().zip(each).for_each(|(sum, gain)| *sum += (gain + odds::AXIS).max(0.0));
         }
         let best = gains.iter().copied().fold(0.0, f64::max);
-        let log_prior = odds::log_prior(like, gains.len() as f64, &classes);
+        let log_prior = odds::log_prior(&card(form.like), gains.len() as f64, &classes);
         model.members[which].score.total() - (log_prior + best)
     }
 
