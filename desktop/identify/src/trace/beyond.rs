@@ -16,7 +16,7 @@ use hrg_data::recording::steps::Run;
 pub struct Form {
     /// In words.
     pub about: &'static str,
-    /// How to tell it from an effect of another class, in words.
+    /// Means to tell it from an effect of another class, in words.
     pub told_by: &'static str,
     /// The family of the library whose class and prior odds it has.
     pub like: EffectId,
@@ -123,7 +123,7 @@ fn in_steps(data: &Data<'_>, a: usize) -> Vec<Vec<Vec<f64>>> {
     };
     let smooth: Vec<Run> = data.runs.iter().map(smooth).collect();
     let smooth = Data::in_blocks(&smooth, data.scaling, data.lag_s.into(), data.coarse_s);
-    // (A step may be larger than what a temperature can do in a second: then the unit did not believe it.)
+    // (A step may be larger than what a temperature can do in a second: then the unit did not take it.)
     let (smooth, keep) = (&smooth.axes[a], &data.axes[a].keep);
     let Some(rows) = keep.iter().map(|k| smooth.keep.binary_search(k).ok()).collect::<Option<Vec<usize>>>() else {
         return vec![];

@@ -328,6 +328,11 @@ fn judged_on(
         verify_left_out_s: if verify.judged_from_s.is_none() { verify_run.steps.run_in } else { 0 },
         outside_fit: outside_fit(verify_run, &calibration),
         visited: visited(verify_run, &calibration),
+        alike_starts_c: {
+            // (A part of a log does not begin with a power-on.)
+            let others = [Some(verify_run).filter(|_| verify.judged_from_s.is_none()), judge_run];
+            alike_starts(runs.iter().chain(others.into_iter().flatten()), &calibration, &there)
+        },
         judged_by: if judge_run.is_some() { "judge" } else { "verify" },
         verify_repeats_train,
         turn_on: turn_on(&fitted),
@@ -720,6 +725,25 @@ fn conclude(effects: &[Found], left: &[Vec<String>; AXES], good: bool) -> Verdic
         }
         () => VerdictKind::NotConfirmed,
     }
+}
+
+/// Lowest and highest temperature at which runs begin, C, if they lie within an eighth of the fitted range on each axis; of the axis where they lie
+/// furthest apart.
+fn alike_starts<'r>(
+    runs: impl Iterator<Item = &'r Run>,
+    calibration: &Calibration,
+    there: &[usize],
+) -> Option<[f64; 2]> {
+    let runs: Vec<&Run> = runs.collect();
+    let starts = there.iter().map(|&a| {
+        let first = |run: &&Run| (0..run.steps.len()).find_map(|k| run.state(k, a)).map(|(t, _)| f64::from(t));
+        let starts: Vec<f64> = runs.iter().filter_map(first).collect();
+        let [low, high] =
+            [starts.iter().copied().fold(f64::MAX, f64::min), starts.into_iter().fold(f64::MIN, f64::max)];
+        (high - low <= f64::from(calibration.axes[a].ranges().eighth_c())).then_some([low, high])
+    });
+    let each: Vec<[f64; 2]> = starts.collect::<Option<_>>()?;
+    each.into_iter().max_by(|x, y| (x[1] - x[0]).total_cmp(&(y[1] - y[0])))
 }
 
 /// Share of a run whose temperatures and ramps were visited together in training, of the axis where it is smallest.

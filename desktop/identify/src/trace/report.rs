@@ -360,6 +360,9 @@ pub struct Report {
     /// Share of the verify run whose temperatures and ramps were visited together in training (the worst axis): elsewhere the unit flags
     /// `extrapolated`.
     pub visited: f64,
+    /// Lowest and highest temperature at which the runs begin, C, where they begin within an eighth of the fitted range: none shows a power-on at
+    /// another temperature. Else null.
+    pub alike_starts_c: Option<[f64; 2]>,
     /// Run that judges the image: `verify`, or `judge` where a third one was given.
     pub judged_by: &'static str,
     /// True where the verify run has the temperatures of a train run: it cannot show what the image does elsewhere.

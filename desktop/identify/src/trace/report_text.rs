@@ -273,7 +273,8 @@ fn turn_on(r: &Report) -> Option<String> {
 /// Fourth line: the next step.
 fn next(r: &Report) -> String {
     let step = if r.burn && r.unexplained.values().all(|u| !u) {
-        "no further run is needed for the calibration; check the constants with a run of another day".to_string()
+        let enough = "no further run is needed for the calibration; check the constants with a run of another day";
+        about_starts(r).unwrap_or_else(|| enough.to_string())
     } else if !r.burn && judged_good(r) && !uncertain_elsewhere(r).is_empty() {
         "record a run with a third profile and judge by it (--judge RUN)".to_string()
     } else {
@@ -376,6 +377,26 @@ fn about_structure(r: &Report) -> Vec<String> {
     groups.into_iter().map(one).collect()
 }
 
+/// A sentence on what power-on does at other temperatures, if an image has an effect of it and no run shows any.
+fn about_starts(r: &Report) -> Option<String> {
+    let [low, high] = r.alike_starts_c?;
+    let mut names: Vec<&str> = r
+        .effects
+        .iter()
+        .filter(|e| e.class == Class::PowerOn && e.reach == "unit" && r.image == Image::Extended)
+        .map(|e| e.name.as_str())
+        .collect();
+    names.dedup();
+    (!names.is_empty()).then(|| {
+        format!(
+            "record a run that begins in the cold, or in the heat: all of these begin between {:.0} and {:.0} C, and none shows {} after a power-on at another temperature, which the stated uncertainty does not hold",
+            low.floor(),
+            high.ceil(),
+            list(&names)
+        )
+    })
+}
+
 /// Advice beside the verdict, the most useful first.
 #[must_use]
 pub fn advice(r: &Report) -> Vec<String> {
@@ -397,6 +418,7 @@ pub fn advice(r: &Report) -> Vec<String> {
         out.extend(repair.map(|repair| repair(&parameter)));
     }
     out.extend(about_structure(r));
+    out.extend(about_starts(r));
     for (n, b) in r.block.iter().flatten() {
         if b.mean_dph.abs() > 3.0 * b.mean_std_dph {
             let here = |e: &&Found| e.reach == "unpredictable" && e.axes.contains_key(n);
