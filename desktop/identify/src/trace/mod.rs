@@ -59,7 +59,7 @@ use hrg_data::error::BadInput;
 use hrg_data::numeric::progress;
 use hrg_data::recording::facts;
 use hrg_data::recording::names_of;
-use hrg_data::recording::steps::{unit_inputs, Run, Steps, BRIDGE_S};
+use hrg_data::recording::steps::{unit_inputs, Run, Steps, BRIDGE_S, SHORTEST};
 use hrg_data::recording::Recording;
 use image::Fits;
 use judge::Prediction;
@@ -269,8 +269,7 @@ fn judged_on(
     let there: Vec<usize> = verify_run.steps.present().collect();
     // Unpredictable effects, and those whose input is missing, are not subtracted from the verify run.
     let known = |c: &Candidate| c.facts.reach != Reach::Unpredictable && run_has(verify_run, runs, c, &scaling);
-    notes.extend(about_fit(&fitted, data, &there, &known));
-    notes.extend(about_gaps(runs, verify_run));
+    notes.extend(about_fit(&fitted, data, &there, &known).into_iter().chain(about_gaps(runs, verify_run)));
 
     // The model and the baseline alone, with what they leave of each run.
     let plain = Fitted::plain(data)?;
@@ -328,11 +327,7 @@ fn judged_on(
         verify_left_out_s: if verify.judged_from_s.is_none() { verify_run.steps.run_in } else { 0 },
         outside_fit: outside_fit(verify_run, &calibration),
         visited: visited(verify_run, &calibration),
-        alike_starts_c: {
-            // (A part of a log does not begin with a power-on.)
-            let others = [Some(verify_run).filter(|_| verify.judged_from_s.is_none()), judge_run];
-            alike_starts(runs.iter().chain(others.into_iter().flatten()), &calibration, &there)
-        },
+        alike_starts_c: alike_starts(runs.iter().chain([verify_run]).chain(judge_run), &calibration),
         judged_by: if judge_run.is_some() { "judge" } else { "verify" },
         verify_repeats_train,
         turn_on: turn_on(&fitted),
@@ -728,18 +723,14 @@ fn conclude(effects: &[Found], left: &[Vec<String>; AXES], good: bool) -> Verdic
 }
 
 /// Lowest and highest temperature at which runs begin, C, if they lie within an eighth of the fitted range on each axis; of the axis where they lie
-/// furthest apart.
-fn alike_starts<'r>(
-    runs: impl Iterator<Item = &'r Run>,
-    calibration: &Calibration,
-    there: &[usize],
-) -> Option<[f64; 2]> {
-    let runs: Vec<&Run> = runs.collect();
-    let starts = there.iter().map(|&a| {
+/// furthest apart. A run that begins later than [`SHORTEST`] after its power-on, as a part of a log does, has no say.
+fn alike_starts<'r>(runs: impl Iterator<Item = &'r Run>, calibration: &Calibration) -> Option<[f64; 2]> {
+    let runs: Vec<&Run> = runs.filter(|r| r.steps.start_s - r.steps.power_on_s < SHORTEST as f64).collect();
+    let starts = runs.first()?.steps.present().map(|a| {
         let first = |run: &&Run| (0..run.steps.len()).find_map(|k| run.state(k, a)).map(|(t, _)| f64::from(t));
         let starts: Vec<f64> = runs.iter().filter_map(first).collect();
-        let [low, high] =
-            [starts.iter().copied().fold(f64::MAX, f64::min), starts.into_iter().fold(f64::MIN, f64::max)];
+        let low = starts.iter().copied().fold(f64::MAX, f64::min);
+        let high = starts.into_iter().fold(f64::MIN, f64::max);
         (high - low <= f64::from(calibration.axes[a].ranges().eighth_c())).then_some([low, high])
     });
     let each: Vec<[f64; 2]> = starts.collect::<Option<_>>()?;
