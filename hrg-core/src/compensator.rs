@@ -359,14 +359,16 @@ impl Axis {
     #[inline(never)]
     fn unvisited_dph2(&self, scaling: &bias::Scaling, state: &bias::State) -> Option<f32> {
         let ranges = self.ranges();
-        let square = match &self.coefficients {
-            bias::Coefficients::One(k) => k[2],
-            bias::Coefficients::CoolingHeating(cooling, heating) => 0.5 * (cooling[2] + heating[2]),
-            // (An image of another model does not state its uncertainty.)
-            _ => 0.0,
+        let bend_dph = || {
+            let square = match &self.coefficients {
+                bias::Coefficients::One(k) => k[2],
+                bias::Coefficients::CoolingHeating(cooling, heating) => 0.5 * (cooling[2] + heating[2]),
+                // (An image of another model does not state its uncertainty.)
+                _ => 0.0,
+            };
+            let eighth_u = ranges.eighth_c() / scaling.t_scale_c;
+            2.0 * square * eighth_u * eighth_u
         };
-        let eighth_u = ranges.eighth_c() / scaling.t_scale_c;
-        let bend_dph = 2.0 * square * eighth_u * eighth_u;
         self.visited.more_dph2(&ranges, state.temperature_c, state.ramp_c_per_min, bend_dph)
     }
 

@@ -21,7 +21,7 @@
 //! map.unvisited_dph2 = 0.01;
 //! map.visit(&ranges, 40.0, 0.0);
 //! assert!(!map.knows(&ranges, 50.0, 0.0));
-//! assert_eq!([40.0, 50.0, 60.0].map(|t| map.more_dph2(&ranges, t, 0.0, 0.0)), [None, Some(0.01), Some(0.04)]);
+//! assert_eq!([40.0, 50.0, 60.0].map(|t| map.more_dph2(&ranges, t, 0.0, || 0.0)), [None, Some(0.01), Some(0.04)]);
 //! ```
 
 use crate::bias::clamp;
@@ -76,7 +76,8 @@ impl Visited {
     /// Marks a state as visited.
     pub fn visit(&mut self, ranges: &Ranges, temperature_c: f32, ramp_c_per_min: f32) {
         let (entry, level) = ranges.place(temperature_c, ramp_c_per_min);
-        if let Some(levels) = self.visited_levels.get_mut(entry) {
+        let level = (level as u8).min(LEVELS as u8 - 1);
+        if let Some(levels) = self.visited_levels.get_mut((entry as usize).min(TEMPERATURES - 1)) {
             *levels = (*levels & 0xF).min(level) | (*levels >> 4).max(level) << 4;
         }
     }
@@ -84,26 +85,40 @@ impl Visited {
     /// `true` if a state was visited, or lies within a level of ramps that were, at its temperature. Beyond the ranges nothing is known.
     #[must_use]
     pub fn knows(&self, ranges: &Ranges, temperature_c: f32, ramp_c_per_min: f32) -> bool {
-        self.more_dph2(ranges, temperature_c, ramp_c_per_min, 0.0).is_none()
+        self.more_dph2(ranges, temperature_c, ramp_c_per_min, || 0.0).is_none()
     }
 
-    /// Variance that comes on top of that of a bias in a state that is not known, (deg/h)^2; `None` for one that is. `bend_dph`: by how
+    /// Variance that comes on top of that of a bias in a state that is not known, (deg/h)^2; `None` for one that is. `bend_dph` gives by how
     /// much the baseline departs from a line from one eighth of the temperature range to the next, deg/h.
     #[inline]
     #[must_use]
-    pub fn more_dph2(&self, ranges: &Ranges, temperature_c: f32, ramp_c_per_min: f32, bend_dph: f32) -> Option<f32> {
+    pub fn more_dph2(
+        &self,
+        ranges: &Ranges,
+        temperature_c: f32,
+        ramp_c_per_min: f32,
+        bend_dph: impl FnOnce() -> f32,
+    ) -> Option<f32> {
         let (entry, level) = ranges.place(temperature_c, ramp_c_per_min);
-        let levels = self.visited_levels.get(entry).copied().unwrap_or(0x0F);
-        let (low, high) = (levels & 0xF, levels >> 4);
-        let inside = low <= high && level + 1 >= low && level <= high + 1;
-        let beyond = ranges.beyond(temperature_c, ramp_c_per_min);
-        if inside && beyond == [0.0; 2] {
+        // (A conversion of a float saturates, and NaN gives 0.)
+        let levels = self.visited_levels.get((entry as usize).min(TEMPERATURES - 1)).copied().unwrap_or(0x0F);
+        let (low, high, own) = (levels & 0xF, levels >> 4, (level as u8).min(LEVELS as u8 - 1));
+        let inside = low <= high && own + 1 >= low && own <= high + 1;
+        let within = entry >= 0.0 && entry <= TEMPERATURES as f32 && level >= 0.0 && level <= LEVELS as f32;
+        if inside && within {
             return None;
         }
-        let [of_temperature, of_ramp] = beyond.map(|n| n * n);
-        let unknown = if inside { 0.0 } else { 1.0 };
+        let [of_temperature, of_ramp] = eighths_beyond(entry, level).map(|n| n * n);
+        let (unknown, bend_dph) = (if inside { 0.0 } else { 1.0 }, bend_dph());
         Some(self.unvisited_dph2 * (unknown + of_temperature + of_ramp) + bend_dph * bend_dph * of_temperature)
     }
+}
+
+/// Distances beyond the ranges in eighths of them, from the places in entries and levels; 0 inside.
+#[inline]
+fn eighths_beyond(entry: f32, level: f32) -> [f32; 2] {
+    let (entries, levels) = (TEMPERATURES as f32, LEVELS as f32);
+    [(entry - clamp(entry, 0.0, entries)).abs(), (level - clamp(level, 0.0, levels)).abs() * (entries / levels)]
 }
 
 impl Ranges {
@@ -125,23 +140,19 @@ impl Ranges {
     }
 
     /// Distances of a temperature and a ramp beyond their ranges, in eighths of the range; 0 inside.
-    #[inline]
     #[must_use]
     pub fn beyond(&self, temperature_c: f32, ramp_c_per_min: f32) -> [f32; 2] {
-        let eighths = |x: f32, from: f32, to: f32| (x - clamp(x, from, to)).abs() / (to - from) * TEMPERATURES as f32;
-        [
-            eighths(temperature_c, self.from_c, self.to_c),
-            eighths(ramp_c_per_min, self.from_c_per_min, self.to_c_per_min),
-        ]
+        let (entry, level) = self.place(temperature_c, ramp_c_per_min);
+        eighths_beyond(entry, level)
     }
 
-    /// Entry of the temperature and level of the ramp; beyond the ranges the first or last.
+    /// Place of a temperature in entries and of a ramp in levels, from the lower end of each range on.
     #[inline]
-    fn place(&self, temperature_c: f32, ramp_c_per_min: f32) -> (usize, u8) {
-        // (A conversion of a float saturates, and NaN gives 0.)
-        let t = (temperature_c - self.from_c) / (self.to_c - self.from_c) * TEMPERATURES as f32;
-        let r = (ramp_c_per_min - self.from_c_per_min) / (self.to_c_per_min - self.from_c_per_min) * LEVELS as f32;
-        ((t as usize).min(TEMPERATURES - 1), (r as u8).min(LEVELS as u8 - 1))
+    fn place(&self, temperature_c: f32, ramp_c_per_min: f32) -> (f32, f32) {
+        (
+            (temperature_c - self.from_c) / (self.to_c - self.from_c) * TEMPERATURES as f32,
+            (ramp_c_per_min - self.from_c_per_min) / (self.to_c_per_min - self.from_c_per_min) * LEVELS as f32,
+        )
     }
 }
 
@@ -183,12 +194,12 @@ mod tests {
     #[test]
     fn the_uncertainty_grows_with_the_distance() {
         let map = Visited { unvisited_dph2: 0.04, ..Visited::default() };
-        let more = |t, r| map.more_dph2(&RANGES, t, r, 0.1);
+        let more = |t, r| map.more_dph2(&RANGES, t, r, || 0.1);
         // Ends of the ranges; one eighth beyond and two (12.5 C, 0.5 C per minute), warm, cold and fast.
         assert_eq!([more(60.0, 1.0), more(-40.0, 1.0), more(0.0, 3.0)], [None; 3]);
         let near = |a: Option<f32>, b: f32| a.is_some_and(|a| (a - b).abs() < 1e-6);
         assert!(near(more(72.5, 1.0), 0.05) && near(more(-65.0, 1.0), 0.2) && near(more(0.0, 3.5), 0.04));
         let empty = Visited { unvisited_dph2: 0.04, ..Visited::none() };
-        assert!(near(empty.more_dph2(&RANGES, 0.0, 0.0, 0.1), 0.04));
+        assert!(near(empty.more_dph2(&RANGES, 0.0, 0.0, || 0.1), 0.04));
     }
 }

@@ -61,22 +61,27 @@ pub const FORMS: [Form; 4] = [
     },
 ];
 
+/// Powers by which a conductance grows: as the heat of a laminar flow and of a turbulent one, at their most.
+const POWERS: [i32; 2] = [1, 2];
+
 /// Columns of a family.
 const RUNGS: usize = 9;
 
-/// Lags less temperature whose times are those of `lag-ladder` over `1 + |r| / r0`, with `r` the ramp: a body that gas around it cools the better, the
-/// more a ramp stirs it. Tried are `r0` of the fastest ramp, a half, a quarter and an eighth of it.
+/// Lags less temperature whose times are those of `lag-ladder` over `1 + (|r| / r0)^p`, with `r` the ramp: a body that gas around it cools the better, the
+/// more a ramp stirs it. Tried are `r0` of the fastest ramp, a half, a quarter and an eighth of it, with `p` of 1 and 2.
 fn stirred(data: &Data<'_>, a: usize) -> Vec<Vec<Vec<f64>>> {
     let fastest = data.states(a).iter().flatten().map(|s| s.1.abs()).fold(0.05, f64::max);
-    [1.0, 0.5, 0.25, 0.125].map(|share| lags(data, a, move |_, ramp| 1.0 + ramp.abs() / (share * fastest))).into()
+    let groups = POWERS.iter().flat_map(|p| [1.0, 0.5, 0.25, 0.125].map(|share| (*p, share * fastest)));
+    groups.map(|(p, r0)| lags(data, a, move |_, ramp| 1.0 + (ramp.abs() / r0).powi(p))).collect()
 }
 
-/// The same over `1 + |g| / g0`, with `g` how far the lag is behind: convection, which carries the more for each degree, the more degrees there are. Tried
+/// The same over `1 + (|g| / g0)^p`, with `g` how far the lag is behind: convection, which carries the more for each degree, the more degrees there are. Tried
 /// are `g0` of a tenth of the temperatures, a thirtieth and a hundredth.
 fn convective(data: &Data<'_>, a: usize) -> Vec<Vec<Vec<f64>>> {
     let (low, high) = data.temperature_range();
     let span = f64::from(high - low).max(1.0);
-    [0.1, 0.03, 0.01].map(|share| lags(data, a, move |behind, _| 1.0 + behind.abs() / (share * span))).into()
+    let groups = POWERS.iter().flat_map(|p| [0.1, 0.03, 0.01].map(|share| (*p, share * span)));
+    groups.map(|(p, g0)| lags(data, a, move |behind, _| 1.0 + (behind.abs() / g0).powi(p))).collect()
 }
 
 /// Lags less temperature; `faster` gives by what each is faster, from how far it is behind (C) and the ramp (C per minute).
@@ -210,8 +215,10 @@ mod tests {
         // A ramp, or how far they are behind, shortens them.
         let sum = |c: &[Vec<f64>]| c.iter().flatten().map(|v| v.abs()).sum::<f64>();
         for form in [stirred(&data, 0), convective(&data, 0)] {
-            let sums: Vec<f64> = form.iter().map(|g| sum(g)).collect();
-            assert!(sums[0] < sum(&own) && sums.windows(2).all(|s| s[1] < s[0]), "{sums:?}");
+            for of_power in form.chunks(form.len() / POWERS.len()) {
+                let sums: Vec<f64> = of_power.iter().map(|g| sum(g)).collect();
+                assert!(sums[0] < sum(&own) && sums.windows(2).all(|s| s[1] < s[0]), "{sums:?}");
+            }
         }
     }
 
