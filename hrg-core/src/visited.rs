@@ -76,8 +76,8 @@ impl Visited {
     /// Marks a state as visited.
     pub fn visit(&mut self, ranges: &Ranges, temperature_c: f32, ramp_c_per_min: f32) {
         let (entry, level) = ranges.place(temperature_c, ramp_c_per_min);
-        let level = (level as u8).min(LEVELS as u8 - 1);
-        if let Some(levels) = self.visited_levels.get_mut((entry as usize).min(TEMPERATURES - 1)) {
+        let (entry, level) = nearest(entry, level);
+        if let Some(levels) = self.visited_levels.get_mut(entry) {
             *levels = (*levels & 0xF).min(level) | (*levels >> 4).max(level) << 4;
         }
     }
@@ -100,9 +100,9 @@ impl Visited {
         bend_dph: impl FnOnce() -> f32,
     ) -> Option<f32> {
         let (entry, level) = ranges.place(temperature_c, ramp_c_per_min);
-        // (A conversion of a float saturates, and NaN gives 0.)
-        let levels = self.visited_levels.get((entry as usize).min(TEMPERATURES - 1)).copied().unwrap_or(0x0F);
-        let (low, high, own) = (levels & 0xF, levels >> 4, (level as u8).min(LEVELS as u8 - 1));
+        let (number, own) = nearest(entry, level);
+        let levels = self.visited_levels.get(number).copied().unwrap_or(0x0F);
+        let (low, high) = (levels & 0xF, levels >> 4);
         let inside = low <= high && own + 1 >= low && own <= high + 1;
         let within = entry >= 0.0 && entry <= TEMPERATURES as f32 && level >= 0.0 && level <= LEVELS as f32;
         if inside && within {
@@ -112,6 +112,13 @@ impl Visited {
         let (unknown, bend_dph) = (if inside { 0.0 } else { 1.0 }, bend_dph());
         Some(self.unvisited_dph2 * (unknown + of_temperature + of_ramp) + bend_dph * bend_dph * of_temperature)
     }
+}
+
+/// Numbers of the entry and the level of places; beyond the ranges the first or last.
+#[inline]
+fn nearest(entry: f32, level: f32) -> (usize, u8) {
+    // (A conversion of a float saturates, and NaN gives 0.)
+    ((entry as usize).min(TEMPERATURES - 1), (level as u8).min(LEVELS as u8 - 1))
 }
 
 /// Distances beyond the ranges in eighths of them, from the places in entries and levels; 0 inside.

@@ -61,7 +61,7 @@ pub const FORMS: [Form; 4] = [
     },
 ];
 
-/// Powers by which a conductance grows: as the heat of a laminar flow and of a turbulent one, at their most.
+/// Powers of a ramp or of a distance by which a conductance grows: assumptions, in proportion and faster.
 const POWERS: [i32; 2] = [1, 2];
 
 /// Columns of a family.
@@ -138,7 +138,7 @@ fn in_steps(data: &Data<'_>, a: usize) -> Vec<Vec<Vec<f64>>> {
 }
 
 /// `true` if a thermometer gives the reading of a second before more often than another one.
-pub fn reads_in_steps(readings: &[f64]) -> bool {
+fn reads_in_steps(readings: &[f64]) -> bool {
     let (mut same, mut other) = (0, 0);
     for pair in readings.windows(2).filter(|p| p[0].is_finite() && p[1].is_finite()) {
         *(if pair[0] == pair[1] { &mut same } else { &mut other }) += 1;

@@ -426,7 +426,6 @@ impl<'d> Axis<'d> {
         let mut own = shares.to_vec();
         let products: [Products; NOISE_MODELS.len()] = std::array::from_fn(|s| self.products(s, shares));
         let (mut each, mut best) = self.under_each(&products, &own);
-
         for _ in 0..3 {
             self.optimise(best, &products[best], &mut own);
             let (now, next) = self.under_each(&products, &own);

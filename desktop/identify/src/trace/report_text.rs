@@ -141,8 +141,9 @@ fn why(r: &Report) -> String {
         parts.push(format!("the verify run confirms {}{but}", list(&yes)));
     }
     if r.burn && yes.is_empty() && !no.is_empty() {
-        let each = if no.len() > 1 { "none of its effects alone" } else { "not its effect in the size that it has" };
-        parts.push(format!("the run that judges bears the image out; the verify run confirms {each}: {}", list(&no)));
+        let alone =
+            if no.len() > 1 { "confirms none of its effects alone" } else { "does not confirm its effect alone" };
+        parts.push(format!("the run that judges bears the image out; the verify run {alone}: {}", list(&no)));
     } else if !no.is_empty() {
         parts.push(format!("it does not confirm {}", list(&no)).replacen(
             "it does",
