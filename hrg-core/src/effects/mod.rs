@@ -180,10 +180,8 @@ pub trait Regressors: Copy {
     fn missing(&self) -> bool;
     /// With zeros behind them.
     fn padded(&self) -> [f32; MAX_OUTPUTS];
-    /// The sum of each times its gain.
-    fn weighted(&self, gains: &[f32; MAX_OUTPUTS]) -> f32;
-    /// The same of gains of half the length.
-    fn weighted_by_halves(&self, gains: &[Half; MAX_OUTPUTS]) -> f32;
+    /// As a slice.
+    fn each(&self) -> &[f32];
 }
 
 impl<const N: usize> Regressors for [f32; N] {
@@ -199,12 +197,8 @@ impl<const N: usize> Regressors for [f32; N] {
         out
     }
     #[inline]
-    fn weighted(&self, gains: &[f32; MAX_OUTPUTS]) -> f32 {
-        crate::bias::dot(gains, self)
-    }
-    #[inline]
-    fn weighted_by_halves(&self, gains: &[Half; MAX_OUTPUTS]) -> f32 {
-        gains.iter().zip(self).map(|(g, x)| g.value() * x).sum()
+    fn each(&self) -> &[f32] {
+        self
     }
 }
 
@@ -275,6 +269,21 @@ pub struct Sums<'a, const N: usize> {
     pub along_dph: &'a mut [[f32; AXES]; N],
 }
 
+impl<const N: usize> Sums<'_, N> {
+    /// Adds to an axis the regressors of an effect, each times its gain.
+    // (Once in flash, for all effects.)
+    #[inline(never)]
+    fn add(&mut self, axis: usize, regressors: &[f32]) {
+        let (Some(gains), Some(bias_dph)) = (self.gains.get(axis), self.bias_dph.get_mut(axis)) else { return };
+        *bias_dph += crate::bias::dot(gains, regressors);
+        for (along, gains) in self.along_dph.iter_mut().zip(self.directions) {
+            if let (Some(along), Some(gains)) = (along.get_mut(axis), gains.get(axis)) {
+                *along += gains.iter().zip(regressors).map(|(g, x)| g.value() * x).sum::<f32>();
+            }
+        }
+    }
+}
+
 /// Advances an effect on every axis, and adds its bias there. An axis that has no temperature yet has NaN for it; so has its
 /// bias, which nobody uses, and a state that begins anew with the first temperature. An effect whose quantity has never come adds nothing.
 // One function for each effect: all of them in one would run short of registers.
@@ -297,10 +306,7 @@ fn add_bias_dph<E: Effect, const N: usize>(
         if matches!(E::REACH, Reach::NeedsInput(_)) && x.missing() {
             continue;
         }
-        sums.bias_dph[axis] += x.weighted(&sums.gains[axis]);
-        for (along, gains) in sums.along_dph.iter_mut().zip(sums.directions) {
-            along[axis] += x.weighted_by_halves(&gains[axis]);
-        }
+        sums.add(axis, x.each());
     }
 }
 
