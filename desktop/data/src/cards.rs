@@ -3,7 +3,7 @@
 use crate::recording::steps::Run;
 use hrg_core::effects::parameters::{
     Arrhenius, Breakpoint, Channel, Cycle, Lag, Parameters, Pulse, Ramp, RampRange, Rise, Source, Tau, Taus,
-    TemperatureRange, Thresholds, Width, Widths,
+    TemperatureRange, Thresholds, Until, Width, Widths,
 };
 use hrg_core::effects::{EffectId, Facts, ALL, MAX_PARAMETERS};
 use hrg_core::AXES;
@@ -265,10 +265,10 @@ fn ripples(x: &Extent) -> Vec<ParameterRow> {
     rows((4..=most.max(4)).map(|k| Cycle { period_c: 2.0 * x.span_c() / k as f32 }))
 }
 
-/// Pairs of thresholds: on above off.
-fn thresholds(x: &Extent) -> Vec<ParameterRow> {
-    let place = |k: usize| x.low_c + x.span_c() * k as f32 / 13.0;
-    rows((1..=12).flat_map(|on| (1..on).map(move |off| Thresholds { on_c: place(on), off_c: place(off) })))
+/// Pairs of thresholds at some places of the temperatures: on above off.
+fn thresholds(x: &Extent, places: usize) -> Vec<ParameterRow> {
+    let place = |k: usize| x.low_c + x.span_c() * k as f32 / (places + 1) as f32;
+    rows((1..=places).flat_map(|on| (1..on).map(move |off| Thresholds { on_c: place(on), off_c: place(off) })))
 }
 
 impl Generator {
@@ -407,6 +407,11 @@ pub fn card(effect: EffectId) -> Card {
             generator: of([60.0, 6000.0]),
             ..Card::of(Memory, Family, "delays whose weight changes with temperature")
         },
+        E::LagSquares => Card {
+            grid: lags,
+            generator: of([60.0, 6000.0]),
+            ..Card::of(Memory, Family, "the bias follows the squares of delayed temperature differences")
+        },
         E::HeatingLags => Card {
             grid: |x| rows([Taus { tau_min_s: 120.0, tau_max_s: slowest(x) }]),
             generator: of([120.0, 6000.0]),
@@ -453,12 +458,27 @@ pub fn card(effect: EffectId) -> Card {
                 t.on_c - t.off_c >= narrowest(x)
             },
             repeats: true,
-            grid: thresholds,
+            grid: |x| thresholds(x, 12),
             generator: of([30.0, -10.0]),
             ..Card::of(
                 Hysteresis,
                 Simple,
                 "the bias switches at one temperature while heating and back at another while cooling",
+            )
+        },
+        E::SoftRelay => Card {
+            refine: &[Move::Place(0.04), Move::Place(0.04)],
+            possible: |row, x| {
+                let t = Thresholds::of(row);
+                t.on_c - t.off_c >= narrowest(x)
+            },
+            repeats: true,
+            grid: |x| thresholds(x, 8),
+            generator: of([30.0, -10.0]),
+            ..Card::of(
+                Hysteresis,
+                Simple,
+                "the bias rises over some degrees while heating and falls over others while cooling",
             )
         },
         E::Extremes => Card::of(Hysteresis, Family, "the bias remembers the highest and the lowest temperature"),
@@ -504,6 +524,12 @@ pub fn card(effect: EffectId) -> Card {
             grid: decays,
             generator: of([120.0, 6000.0]),
             ..Card::of(PowerOn, Family, "the bias settles after power-on, by more or less at other temperatures")
+        },
+        E::PowerOnCurve => Card {
+            // (Knots of a quarter of an hour: what comes later is hardly told from an event.)
+            grid: |x| rows([Until { until_s: x.longest_s.min(9000.0) }]),
+            generator: of([9000.0, 0.0]),
+            ..Card::of(PowerOn, Family, "the bias sets in late, or swings, after power-on")
         },
         // A dependence on the temperature at power-on needs several power-ons to be seen.
         E::PowerOnLadderByStart => Card {

@@ -83,7 +83,7 @@ pub fn unit(elf: &[u8]) -> Result<Vec<Figure>> {
     let (fixed, stack) = (f64::from(with.static_bytes()), f64::from(with.stack_used()));
     let mut figures = vec![
         figure("capture edge, fetched and counted", (all - bare) / edges, 34.7, None, "instructions"),
-        figure("bias update, three axes, four effects", mean(&with, UPDATE)?, 5620.0, None, "instructions"),
+        figure("bias update, three axes, four effects", mean(&with, UPDATE)?, 6980.0, None, "instructions"),
         figure(
             "data-ready to corrected sample, mean",
             latency.instructions as f64 / latency.calls as f64,
@@ -144,7 +144,7 @@ fn estimated(board: &Board<hrg_board::wires::Wires>) -> Result<Vec<Figure>> {
     let stretch = board.longest_interrupt("UART4").context("no task ran")?;
     let unit = "cycles, estimated";
     Ok(vec![
-        figure("bias update, three axes, four effects", update, 10_400.0, None, unit),
+        figure("bias update, three axes, four effects", update, 12_500.0, None, unit),
         figure(
             "data-ready to corrected sample, mean",
             latency.estimated as f64 / latency.calls as f64,

@@ -505,6 +505,9 @@ effects! {
     input_network::{InputNetwork},
     temperature_step::{TemperatureStep},
     play_ladder_by_temperature::{PlayLadderByTemperature},
+    power_on_curve::{PowerOnCurve},
+    lag_squares::{LagSquares},
+    soft_relay::{SoftRelay},
 }
 
 impl EffectId {
@@ -638,6 +641,33 @@ mod tests {
         };
         assert_eq!([17.9, 20.0, 22.1].map(at), [0.0, 0.5, 1.0]);
         assert!((at(21.0) - 0.84375).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_soft_relay_rises_at_one_temperature_and_falls_at_another() {
+        let mut e = Running::new(EffectId::SoftRelay.facts().id, &[15.0, 5.0], 1.0).expect("in the list");
+        let mut at = |t: f32| step(&mut e, t, 0.0)[0];
+        // In the middle of the rise while heating, and of the fall while cooling.
+        let path = [-20.0, 15.0, 40.0, 5.0, -20.0].map(&mut at);
+        assert_eq!(path, [0.0, 0.5, 1.0, 0.5, 0.0]);
+    }
+
+    #[test]
+    fn squares_of_lags_have_the_sign_of_the_lag_in_the_second_half() {
+        let mut e = Running::new(EffectId::LagSquares.facts().id, &[1e6, 1e7], 1.0).expect("in the list");
+        assert_eq!(step(&mut e, 0.0, 0.0), [0.0; MAX_OUTPUTS], "starts in equilibrium");
+        for (t, sign) in [(45.0, -1.0), (-45.0, 1.0)] {
+            let x = step(&mut e, t, 0.0);
+            assert!((x[0] - 1.0).abs() < 1e-4 && (x[7] - sign).abs() < 1e-4, "{x:?}");
+        }
+    }
+
+    #[test]
+    fn a_curve_of_the_time_since_power_on_holds_its_last_value() {
+        let mut e = Running::new(EffectId::PowerOnCurve.facts().id, &[1300.0, 0.0], 1.0).expect("in the list");
+        let mut at = |time_s: f32| step(&mut e, 20.0, time_s);
+        assert_eq!((at(0.0)[0], at(150.0)[1], at(150.0)[2]), (1.0, 0.5, 0.5));
+        assert_eq!([1300.0, 1e5].map(|t| at(t)[13]), [1.0, 1.0]);
     }
 
     #[test]

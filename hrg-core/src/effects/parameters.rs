@@ -102,6 +102,8 @@ parameters! {
     Period { period_s: true, "Period, s." }
     /// A moment.
     Moment { time_s: false, "Time since power-on, s." }
+    /// A stretch of time from power-on.
+    Until { until_s: true, "Its end, time since power-on, s." }
     /// A moment, and the decay after it.
     Pulse { time_s: false, "Time since power-on, s."; tau_s: true, "Time constant of the decay, s." }
     /// A ramp.
