@@ -526,8 +526,8 @@ pub fn card(effect: EffectId) -> Card {
             ..Card::of(PowerOn, Family, "the bias settles after power-on, by more or less at other temperatures")
         },
         E::PowerOnCurve => Card {
-            // (Knots of a quarter of an hour: what comes later is hardly told from an event.)
-            grid: |x| rows([Until { until_s: x.longest_s.min(9000.0) }]),
+            // (A curve over more of a run would stand for whatever happens in it.)
+            grid: |x| rows([Until { until_s: x.longest_s / 3.0 }]),
             generator: of([9000.0, 0.0]),
             ..Card::of(PowerOn, Family, "the bias sets in late, or swings, after power-on")
         },
