@@ -2,8 +2,8 @@
 
 use crate::recording::steps::Run;
 use hrg_core::effects::parameters::{
-    Arrhenius, Breakpoint, Channel, Cycle, Lag, Parameters, Pulse, Ramp, RampRange, Rise, Source, Tau, Taus,
-    TemperatureRange, Thresholds, Until, Width, Widths,
+    Arrhenius, Breakpoint, Channel, Cycle, EndWidths, Lag, Onset, Parameters, Pulse, Ramp, RampRange, Rise, Source,
+    Swing, Tau, Taus, TemperatureRange, Thresholds, Until, Width, Widths,
 };
 use hrg_core::effects::{EffectId, Facts, ALL, MAX_PARAMETERS};
 use hrg_core::AXES;
@@ -77,7 +77,7 @@ pub struct Extent {
     pub lag_s: f32,
     /// Number of runs.
     pub runs: usize,
-    /// Set if the runs pass the middle half of the temperatures at least twice the same way, heating or cooling.
+    /// Set if the runs pass a third of the temperatures at least twice the same way, heating or cooling.
     pub path_repeats: bool,
 }
 
@@ -249,6 +249,28 @@ fn plays(x: &Extent) -> Vec<ParameterRow> {
     rows([Widths { width_min_c: narrowest(x), width_max_c: 0.9 * x.span_c() }])
 }
 
+/// Widths of a loop.
+fn loops(x: &Extent) -> Vec<ParameterRow> {
+    rows(log((0.03 * x.span_c()).max(0.5), 0.75 * x.span_c(), 14).map(|width_c| Width { width_c }))
+}
+
+/// Pairs of unlike widths, of a loop in the cold and of the same one in the heat.
+fn unequal_loops(x: &Extent) -> Vec<ParameterRow> {
+    let widths: Vec<f32> = log((0.03 * x.span_c()).max(0.5), 0.75 * x.span_c(), 7).collect();
+    let pairs = widths.iter().flat_map(|cold| widths.iter().map(move |hot| (*cold, *hot)));
+    let unequal = pairs.filter(|(cold, hot)| cold != hot);
+    rows(unequal.map(|(width_cold_c, width_hot_c)| EndWidths { width_cold_c, width_hot_c }))
+}
+
+/// A grid for loops whose form changes along the temperature: one heating and one cooling do not tell them from what happened once.
+fn where_path_repeats(x: &Extent, grid: Grid) -> Vec<ParameterRow> {
+    if x.path_repeats {
+        grid(x)
+    } else {
+        vec![]
+    }
+}
+
 /// The narrowest loop, and the sharpest rise, that a run can tell from none, C.
 fn narrowest(x: &Extent) -> f32 {
     (0.012 * x.span_c()).max(0.3)
@@ -263,6 +285,12 @@ fn knots_apart(x: &Extent) -> f32 {
 fn ripples(x: &Extent) -> Vec<ParameterRow> {
     let most = (2.0 * x.span_c() / 3.0) as usize;
     rows((4..=most.max(4)).map(|k| Cycle { period_c: 2.0 * x.span_c() / k as f32 }))
+}
+
+/// `true` if a run of this extent shows the loop between two thresholds.
+fn loop_shows(row: &ParameterRow, x: &Extent) -> bool {
+    let t = Thresholds::of(row);
+    t.on_c - t.off_c >= narrowest(x)
 }
 
 /// Pairs of thresholds at some places of the temperatures: on above off.
@@ -412,6 +440,22 @@ pub fn card(effect: EffectId) -> Card {
             generator: of([60.0, 6000.0]),
             ..Card::of(Memory, Family, "the bias follows the squares of delayed temperature differences")
         },
+        E::RampSquareLags => Card {
+            grid: lags,
+            generator: of([60.0, 6000.0]),
+            ..Card::of(Memory, Family, "ramps either way stir something that decays after them")
+        },
+        E::UnderdampedLag => Card {
+            refine: &[SCALE, Move::Factor(0.3)],
+            // (Beyond half of the critical damping it is two lags in a row.)
+            possible: |row, _| Swing::of(row).damping <= 0.5,
+            grid: |x| {
+                let periods = log(600.0, (x.longest_s / 3.0).max(1200.0), 12);
+                rows(periods.map(|period_s| Swing { period_s, damping: 0.3 }))
+            },
+            generator: of([3000.0, 0.3]),
+            ..Card::of(Memory, Simple, "part of the bias follows the temperature with a swing")
+        },
         E::HeatingLags => Card {
             grid: |x| rows([Taus { tau_min_s: 120.0, tau_max_s: slowest(x) }]),
             generator: of([120.0, 6000.0]),
@@ -426,7 +470,7 @@ pub fn card(effect: EffectId) -> Card {
         },
         E::Hysteresis => Card {
             refine: &[SCALE],
-            grid: |x| rows(log((0.03 * x.span_c()).max(0.5), 0.75 * x.span_c(), 14).map(|width_c| Width { width_c })),
+            grid: loops,
             generator: drawn(12.0, 5.0, 25.0),
             parted_by_profile: true,
             ..Card::of(
@@ -435,13 +479,29 @@ pub fn card(effect: EffectId) -> Card {
                 "heating and cooling follow different curves, shifted against each other by a width in temperature",
             )
         },
+        E::Butterfly => Card {
+            refine: &[SCALE],
+            grid: |x| where_path_repeats(x, loops),
+            generator: of([20.0, 0.0]),
+            ..Card::of(
+                Hysteresis,
+                Simple,
+                "heating and cooling follow different curves that cross, by the square of a loop",
+            )
+        },
+        E::WideningPlay => Card {
+            refine: &[SCALE, SCALE],
+            grid: |x| where_path_repeats(x, unequal_loops),
+            generator: of([4.0, 20.0]),
+            ..Card::of(Hysteresis, Simple, "a loop whose width changes with temperature")
+        },
         E::PlayLadder => Card {
             grid: plays,
             generator: of([1.0, 60.0]),
             ..Card::of(Hysteresis, Family, "heating and cooling follow different curves, by loops of many widths")
         },
         E::PlayLadderByTemperature => Card {
-            grid: |x| if x.path_repeats { plays(x) } else { vec![] },
+            grid: |x| where_path_repeats(x, plays),
             generator: of([1.0, 60.0]),
             ..Card::of(Hysteresis, Family, "loops of many widths whose size changes with temperature")
         },
@@ -453,10 +513,7 @@ pub fn card(effect: EffectId) -> Card {
         },
         E::Relay => Card {
             refine: &[Move::Place(0.04), Move::Place(0.04)],
-            possible: |row, x| {
-                let t = Thresholds::of(row);
-                t.on_c - t.off_c >= narrowest(x)
-            },
+            possible: loop_shows,
             repeats: true,
             grid: |x| thresholds(x, 12),
             generator: of([30.0, -10.0]),
@@ -468,10 +525,7 @@ pub fn card(effect: EffectId) -> Card {
         },
         E::SoftRelay => Card {
             refine: &[Move::Place(0.04), Move::Place(0.04)],
-            possible: |row, x| {
-                let t = Thresholds::of(row);
-                t.on_c - t.off_c >= narrowest(x)
-            },
+            possible: loop_shows,
             repeats: true,
             grid: |x| thresholds(x, 8),
             generator: of([30.0, -10.0]),
@@ -523,13 +577,31 @@ pub fn card(effect: EffectId) -> Card {
         E::PowerOnLadderByTemperature => Card {
             grid: decays,
             generator: of([120.0, 6000.0]),
-            ..Card::of(PowerOn, Family, "the bias settles after power-on, by more or less at other temperatures")
+            ..Card::of(
+                PowerOn,
+                Family,
+                "the bias settles after power-on with several time constants, by more or less at other temperatures",
+            )
         },
         E::PowerOnCurve => Card {
             // (A curve over more of a run would stand for whatever happens in it.)
             grid: |x| rows([Until { until_s: x.longest_s / 3.0 }]),
             generator: of([9000.0, 0.0]),
             ..Card::of(PowerOn, Family, "the bias sets in late, or swings, after power-on")
+        },
+        E::LateOnset => Card {
+            refine: &[Move::Block, Move::Factor(0.3)],
+            // (What is sharper may be an event; what comes later, whatever has happened in the run.)
+            possible: |row, x| {
+                let onset = Onset::of(row);
+                onset.rise_s >= 600.0 && onset.middle_s <= x.longest_s / 3.0
+            },
+            grid: |x| {
+                let apart = (x.longest_s / 36.0).max(600.0);
+                rows((1..=12).map(|k| Onset { middle_s: apart * k as f32, rise_s: apart }))
+            },
+            generator: of([4000.0, 1200.0]),
+            ..Card::of(PowerOn, Simple, "the bias goes from one level to another some time after power-on")
         },
         // A dependence on the temperature at power-on needs several power-ons to be seen.
         E::PowerOnLadderByStart => Card {

@@ -1,4 +1,6 @@
-//! Shared parts of the families: geometric ladders of times and widths, and piecewise-linear curves over knots.
+//! Shared parts of the effects: geometric ladders of times and widths, piecewise-linear curves over knots, a smooth rise, and the play operator.
+
+use crate::bias::clamp;
 
 /// Rung `k` of `n` between `low` and `high`, evenly in the logarithm; `low` where there is nothing between.
 pub fn rung(low: f32, high: f32, k: usize, n: usize) -> f32 {
@@ -21,8 +23,62 @@ pub fn hats<const N: usize>(x: f32, low: f32, high: f32) -> [f32; N] {
 #[inline]
 pub fn cell<const N: usize>(x: f32, low: f32, high: f32) -> (usize, f32) {
     let span = if high > low { high - low } else { 1.0 };
-    let at = crate::bias::clamp((x - low) / span, 0.0, 1.0) * (N - 1) as f32;
+    let at = clamp((x - low) / span, 0.0, 1.0) * (N - 1) as f32;
     // (NaN is no number of a knot: it becomes the first.)
     let k = (at as usize).min(N - 2);
     (k, at - k as f32)
+}
+
+/// A smooth rise from 0 to 1: `s^2 (3 - 2 s)` with `s = 1/2 + (x - middle) / width`, 0 below and 1 above.
+#[derive(Debug, Clone)]
+pub struct SmoothRise {
+    middle: f32,
+    slope: f32,
+}
+
+impl SmoothRise {
+    /// With its middle and its width; without a width it is 1/2 everywhere.
+    pub fn new(middle: f32, width: f32) -> Self {
+        Self { middle, slope: if width > 0.0 { 1.0 / width } else { 0.0 } }
+    }
+
+    /// Its value at `x`.
+    #[inline]
+    pub fn at(&self, x: f32) -> f32 {
+        let s = clamp(0.5 + (x - self.middle) * self.slope, 0.0, 1.0);
+        s * s * (3.0 - 2.0 * s)
+    }
+}
+
+/// The play operator: its output lies within half a width of the temperature, and moves only where it must.
+#[derive(Debug, Clone)]
+pub struct Play {
+    half_c: f32,
+    /// Place between both ends at the first temperature: see [`Effect::start_on`](super::Effect::start_on).
+    pub start: f32,
+    /// The output, C; NaN before the first temperature.
+    pub state_c: f32,
+}
+
+impl Play {
+    /// Of a full width, C.
+    pub fn new(width_c: f32) -> Self {
+        Self { half_c: 0.5 * width_c, start: 0.0, state_c: f32::NAN }
+    }
+
+    /// Changes its full width, C.
+    #[inline]
+    pub fn widen(&mut self, width_c: f32) {
+        self.half_c = 0.5 * width_c;
+    }
+
+    /// Its output at the next temperature, C.
+    #[inline]
+    pub fn follow(&mut self, t: f32) -> f32 {
+        if self.state_c.is_nan() {
+            self.state_c = t + self.start * self.half_c;
+        }
+        self.state_c = clamp(self.state_c, t - self.half_c, t + self.half_c);
+        self.state_c
+    }
 }

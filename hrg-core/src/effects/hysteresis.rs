@@ -2,16 +2,14 @@
 //! friction does. State: the output of the play operator, starting at the first temperature.
 //! Source: play operator (Krasnosel'skii and Pokrovskii 1989), the element of Prandtl-Ishlinskii models.
 
+use super::bank::Play;
 use super::parameters::Width;
 use super::{Effect, Inputs, Reach, Span};
-use crate::bias::clamp;
 
 /// Output of a play of full width `width_c`, less temperature; C.
 #[derive(Debug, Clone)]
 pub struct Hysteresis {
-    half_c: f32,
-    start: f32,
-    state_c: f32,
+    play: Play,
 }
 
 impl Effect for Hysteresis {
@@ -24,15 +22,15 @@ impl Effect for Hysteresis {
     type Regressors = [f32; 1];
 
     fn new(parameters: Width, _: f32) -> Self {
-        Self { half_c: 0.5 * parameters.width_c, start: 0.0, state_c: f32::NAN }
+        Self { play: Play::new(parameters.width_c) }
     }
 
     fn start_on(&mut self, branch: f32) {
-        self.start = branch;
+        self.play.start = branch;
     }
 
     fn memory(&mut self) -> &mut [f32] {
-        core::slice::from_mut(&mut self.state_c)
+        core::slice::from_mut(&mut self.play.state_c)
     }
 
     fn span(p: Width) -> Span {
@@ -42,10 +40,6 @@ impl Effect for Hysteresis {
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
         let t = inputs.own_c();
-        if self.state_c.is_nan() {
-            self.state_c = t + self.start * self.half_c;
-        }
-        self.state_c = clamp(self.state_c, t - self.half_c, t + self.half_c);
-        [self.state_c - t]
+        [self.play.follow(t) - t]
     }
 }

@@ -46,6 +46,7 @@ impl Effect for LagSquares {
         }
         let mut out = [0.0; 2 * RUNGS];
         for k in 0..RUNGS {
+            // (Without what `settle` keeps: the square of the last digit is nothing.)
             self.state_c[k] += self.share[k] * (t - self.state_c[k]);
             let d = (self.state_c[k] - t) / inputs.scaling.t_scale_c;
             out[k] = d * d;

@@ -508,6 +508,11 @@ effects! {
     power_on_curve::{PowerOnCurve},
     lag_squares::{LagSquares},
     soft_relay::{SoftRelay},
+    underdamped_lag::{UnderdampedLag},
+    ramp_square_lags::{RampSquareLags},
+    butterfly::{Butterfly},
+    widening_play::{WideningPlay},
+    late_onset::{LateOnset},
 }
 
 impl EffectId {
@@ -671,6 +676,55 @@ mod tests {
     }
 
     #[test]
+    fn an_underdamped_lag_overshoots_and_settles() {
+        let (period_s, damping) = (600.0f32, 0.3f32);
+        let mut e = Running::new(EffectId::UnderdampedLag.facts().id, &[period_s, damping], 1.0).expect("in the list");
+        assert_eq!(step(&mut e, 0.0, 0.0)[0], 0.0, "starts in equilibrium");
+        let way: [f32; 6000] = core::array::from_fn(|_| step(&mut e, 10.0, 0.0)[0]);
+        // A step response passes its end by exp(-pi z / (1 - z^2)^0.5), half a damped period after the step.
+        let root = (1.0 - damping * damping).sqrt();
+        let passed = 10.0 * (-core::f32::consts::PI * damping / root).exp();
+        let (at, most) = way.iter().enumerate().fold((0, 0.0f32), |m, (k, x)| if *x > m.1 { (k, *x) } else { m });
+        assert!((most / passed - 1.0).abs() < 0.02, "{most} instead of {passed}");
+        assert!((at as f32 / (0.5 * period_s / root) - 1.0).abs() < 0.01, "{at}");
+        assert!(way[5999].abs() < 1e-3, "{}", way[5999]);
+    }
+
+    #[test]
+    fn what_a_ramp_has_stirred_decays_after_it() {
+        let mut e = Running::new(EffectId::RampSquareLags.facts().id, &[60.0, 600.0], 1.0).expect("in the list");
+        // (A ramp of 0.5 C per minute, for long.)
+        let last = (0..6000).map(|_| step(&mut e, 20.0, 0.0)).last().expect("steps");
+        assert!(last[..8].iter().all(|x| (x - 0.25).abs() < 1e-3) && last[8..] == [0.0; 6], "{last:?}");
+    }
+
+    #[test]
+    fn a_butterfly_is_the_same_on_both_branches_in_its_second_part() {
+        let mut e = Running::new(EffectId::Butterfly.facts().id, &[10.0, 0.0], 1.0).expect("in the list");
+        let path = [0.0, 30.0, 25.0, 0.0].map(|t| step(&mut e, t, 0.0));
+        assert_eq!(path.map(|x| [x[0], x[1]]), [[0.0, 0.0], [-1.0, 1.0], [0.0, 0.0], [1.0, 1.0]]);
+    }
+
+    #[test]
+    fn a_widening_play_has_its_widths_at_both_ends() {
+        let at = |t: f32| {
+            let mut e = Running::new(EffectId::WideningPlay.facts().id, &[4.0, 16.0], 1.0).expect("in the list");
+            [t - 40.0, t].map(|t| step(&mut e, t, 0.0)[0])[1]
+        };
+        // The lower end is -45 C, the middle 10 C, the upper end 65 C.
+        for (t, half) in [(-45.0, 2.0), (10.0, 4.0), (65.0, 8.0), (80.0, 8.0)] {
+            assert!((at(t) + half).abs() < 1e-4, "{t}: {}", at(t));
+        }
+    }
+
+    #[test]
+    fn a_late_onset_has_its_middle_and_its_duration() {
+        let mut e = Running::new(EffectId::LateOnset.facts().id, &[3600.0, 1200.0], 1.0).expect("in the list");
+        let path = [0.0, 2999.0, 3600.0, 4201.0, 1e5].map(|time_s| step(&mut e, 20.0, time_s)[0]);
+        assert_eq!(path, [0.0, 0.0, 0.5, 1.0, 1.0]);
+    }
+
+    #[test]
     fn warm_up_decays() {
         assert!((run("warm-up", 600.0, |_| 20.0, 601) - (-1.0f32).exp()).abs() < 1e-3);
     }
@@ -687,6 +741,7 @@ mod tests {
         for facts in ALL.iter().filter(|f| f.reach == Reach::Unit) {
             let p = match facts.name {
                 "temperature-shape" => [-35.0, 55.0],
+                "widening-play" => [10.0, 20.0],
                 _ => [10.0, 0.0],
             };
             let mut effect = Running::new(facts.id, &p, 1.0).expect("in the list");

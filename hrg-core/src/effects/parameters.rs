@@ -82,12 +82,19 @@ parameters! {
         beta_per_c: false, "Relative change of the time constants, per C.";
         tau_max_s: true, "Longest time constant at the reference temperature, s."
     }
+    /// A damped oscillation.
+    Swing { period_s: true, "Period without damping, s."; damping: true, "Damping, as a share of the critical one." }
     /// A lag that may be none.
     Lag { lag_s: false, "Time constant, s; 0: none." }
     /// A play.
     Width { width_c: true, "Full width, C." }
     /// Plays of a bank, evenly in the logarithm.
     Widths { width_min_c: true, "Narrowest full width, C."; width_max_c: true, "Widest full width, C." }
+    /// A play whose width changes.
+    EndWidths {
+        width_cold_c: true, "Full width at the lower end of the calibrated range, C.";
+        width_hot_c: true, "Full width at its upper end, C."
+    }
     /// A range of temperature.
     TemperatureRange { low_c: false, "Lower end, C."; high_c: false, "Upper end, C." }
     /// A temperature at which something changes.
@@ -104,6 +111,8 @@ parameters! {
     Moment { time_s: false, "Time since power-on, s." }
     /// A stretch of time from power-on.
     Until { until_s: true, "Its end, time since power-on, s." }
+    /// A rise in time.
+    Onset { middle_s: true, "Its middle, time since power-on, s."; rise_s: true, "Duration of the rise, s." }
     /// A moment, and the decay after it.
     Pulse { time_s: false, "Time since power-on, s."; tau_s: true, "Time constant of the decay, s." }
     /// A ramp.

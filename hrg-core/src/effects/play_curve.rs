@@ -3,19 +3,16 @@
 //! gain changes with temperature. State: the play's output, starting at the first temperature.
 //! Source: Brokate and Sprekels 1996, section 2.4 (a Preisach operator is an integral over plays of functions of their outputs).
 
-use super::bank::hats;
+use super::bank::{hats, Play};
 use super::parameters::Width;
 use super::{Effect, Inputs, Reach, Span};
-use crate::bias::clamp;
 
 const KNOTS: usize = 8;
 
 /// Weights of the knots at the play's output less those at the temperature.
 #[derive(Debug, Clone)]
 pub struct PlayCurve {
-    half_c: f32,
-    start: f32,
-    state_c: f32,
+    play: Play,
 }
 
 impl Effect for PlayCurve {
@@ -29,15 +26,15 @@ impl Effect for PlayCurve {
     type Regressors = [f32; KNOTS];
 
     fn new(p: Width, _: f32) -> Self {
-        Self { half_c: 0.5 * p.width_c, start: 0.0, state_c: f32::NAN }
+        Self { play: Play::new(p.width_c) }
     }
 
     fn start_on(&mut self, branch: f32) {
-        self.start = branch;
+        self.play.start = branch;
     }
 
     fn memory(&mut self) -> &mut [f32] {
-        core::slice::from_mut(&mut self.state_c)
+        core::slice::from_mut(&mut self.play.state_c)
     }
 
     fn span(p: Width) -> Span {
@@ -47,12 +44,9 @@ impl Effect for PlayCurve {
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; KNOTS] {
         let t = inputs.own_c();
-        if self.state_c.is_nan() {
-            self.state_c = t + self.start * self.half_c;
-        }
-        self.state_c = clamp(self.state_c, t - self.half_c, t + self.half_c);
+        let output = self.play.follow(t);
         let (low, high) = (inputs.scaling.linear_below_c, inputs.scaling.linear_above_c);
-        let mut out: [f32; KNOTS] = hats(self.state_c, low, high);
+        let mut out: [f32; KNOTS] = hats(output, low, high);
         let direct: [f32; KNOTS] = hats(t, low, high);
         for k in 0..KNOTS {
             out[k] -= direct[k];

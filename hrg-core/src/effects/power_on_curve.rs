@@ -25,7 +25,7 @@ impl Effect for PowerOnCurve {
         Self { until_s: p.until_s }
     }
 
-    /// Nothing of the begin is left behind its last knot.
+    /// Three of these times lead to the last knot: behind it the curve is a constant.
     fn span(p: Until) -> Span {
         Span::Time(p.until_s / 3.0)
     }

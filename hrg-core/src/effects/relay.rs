@@ -20,8 +20,14 @@ impl Thresholds {
 
     /// Temperature between both, C.
     #[inline]
-    fn middle_c(self) -> f32 {
+    pub(super) fn middle_c(self) -> f32 {
         0.5 * (self.on_c + self.off_c)
+    }
+
+    /// Distance from the lower to the upper one, C.
+    #[inline]
+    pub(super) fn apart_c(self) -> f32 {
+        self.on_c - self.off_c
     }
 }
 
@@ -59,7 +65,7 @@ impl Effect for Relay {
     }
 
     fn span(p: Thresholds) -> Span {
-        Span::Range((p.on_c - p.off_c).abs())
+        Span::Range(p.apart_c().abs())
     }
 
     #[inline]

@@ -2,17 +2,15 @@
 //! about `off_c` while cooling, each over as many degrees as lie between both: a phase that changes with a loop, a joint that lets go little by little. State: the output
 //! of a play of that width. Source: a Preisach operator with one smooth hump (Brokate and Sprekels 1996, section 2.4).
 
+use super::bank::{Play, SmoothRise};
 use super::parameters::Thresholds;
 use super::{Effect, Inputs, Reach, Span};
-use crate::bias::clamp;
 
-/// `s^2 (3 - 2 s)` of the output of a play, from 0 to 1.
+/// A smooth rise of the output of a play.
 #[derive(Debug, Clone)]
 pub struct SoftRelay {
-    half_c: f32,
-    middle_c: f32,
-    start: f32,
-    state_c: f32,
+    play: Play,
+    rise: SmoothRise,
 }
 
 impl Effect for SoftRelay {
@@ -25,30 +23,23 @@ impl Effect for SoftRelay {
     type Regressors = [f32; 1];
 
     fn new(p: Thresholds, _: f32) -> Self {
-        Self { half_c: 0.5 * (p.on_c - p.off_c), middle_c: 0.5 * (p.on_c + p.off_c), start: 0.0, state_c: f32::NAN }
+        Self { play: Play::new(p.apart_c()), rise: SmoothRise::new(p.middle_c(), p.apart_c()) }
     }
 
     fn start_on(&mut self, branch: f32) {
-        self.start = branch;
+        self.play.start = branch;
     }
 
     fn memory(&mut self) -> &mut [f32] {
-        core::slice::from_mut(&mut self.state_c)
+        core::slice::from_mut(&mut self.play.state_c)
     }
 
     fn span(p: Thresholds) -> Span {
-        Span::Range((p.on_c - p.off_c).abs())
+        Span::Range(p.apart_c().abs())
     }
 
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
-        let t = inputs.own_c();
-        if self.state_c.is_nan() {
-            self.state_c = t + self.start * self.half_c;
-        }
-        self.state_c = clamp(self.state_c, t - self.half_c, t + self.half_c);
-        let per_c = if self.half_c > 0.0 { 0.5 / self.half_c } else { 0.0 };
-        let s = clamp(0.5 + (self.state_c - self.middle_c) * per_c, 0.0, 1.0);
-        [s * s * (3.0 - 2.0 * s)]
+        [self.rise.at(self.play.follow(inputs.own_c()))]
     }
 }

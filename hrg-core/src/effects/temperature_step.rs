@@ -1,15 +1,14 @@
 //! `temperature-step`: 0 below a temperature, 1 above it, with a smooth rise between: a joint that lets go, a mode that another one takes over, a phase
 //! that changes. Stateless: heating and cooling pass it at the same temperature (where they do not, it is a [relay](super::relay)).
 
+use super::bank::SmoothRise;
 use super::parameters::Rise;
 use super::{Effect, Inputs, Reach};
-use crate::bias::clamp;
 
-/// `s^2 (3 - 2 s)` with `s = 1/2 + (T - middle_c) / width_c`, from 0 to 1.
+/// A smooth rise of temperature.
 #[derive(Debug, Clone)]
 pub struct TemperatureStep {
-    middle_c: f32,
-    per_c: f32,
+    rise: SmoothRise,
 }
 
 impl Effect for TemperatureStep {
@@ -21,12 +20,11 @@ impl Effect for TemperatureStep {
     type Regressors = [f32; 1];
 
     fn new(p: Rise, _: f32) -> Self {
-        Self { middle_c: p.middle_c, per_c: if p.width_c > 0.0 { 1.0 / p.width_c } else { 0.0 } }
+        Self { rise: SmoothRise::new(p.middle_c, p.width_c) }
     }
 
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
-        let s = clamp(0.5 + (inputs.own_c() - self.middle_c) * self.per_c, 0.0, 1.0);
-        [s * s * (3.0 - 2.0 * s)]
+        [self.rise.at(inputs.own_c())]
     }
 }

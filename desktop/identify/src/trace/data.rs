@@ -557,8 +557,12 @@ impl<'a> Data<'a> {
     /// Span of the runs: temperatures, ramps, duration.
     pub fn extent(&self) -> Extent {
         let (low_c, high_c) = self.temperature_range();
-        let quarter_c = 0.25 * (high_c - low_c);
-        let middle_half = Thresholds { on_c: high_c - quarter_c, off_c: low_c + quarter_c };
+        let twelfth_c = (high_c - low_c) / 12.0;
+        // (Within the ends, which no relay switches at.)
+        let mut thirds = (1..=7u8).map(|k| {
+            let off_c = low_c + f32::from(k) * twelfth_c;
+            Thresholds { on_c: off_c + 4.0 * twelfth_c, off_c }
+        });
         let ramps = self.runs.iter().flat_map(|r| (0..AXES).map(move |a| r.ramp_range(a)));
         Extent {
             low_c,
@@ -567,7 +571,7 @@ impl<'a> Data<'a> {
             longest_s: self.longest_s(),
             lag_s: self.lag_s,
             runs: self.runs.len(),
-            path_repeats: (0..AXES).any(|a| self.switches_again(middle_half, a)),
+            path_repeats: thirds.any(|third| (0..AXES).any(|a| self.switches_again(third, a))),
         }
     }
 
