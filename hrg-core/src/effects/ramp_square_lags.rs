@@ -58,3 +58,40 @@ impl Effect for RampSquareLags {
         self.state
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bias::{Scaling, State};
+    use crate::thermal::{AxisThermal, Thermal};
+    use crate::AXES;
+
+    #[test]
+    fn between_a_hot_and_a_cold_past_lies_every_other() {
+        let scaling = Scaling {
+            t_ref_c: 10.0,
+            t_scale_c: 45.0,
+            linear_below_c: -45.0,
+            linear_above_c: 65.0,
+            linear_beyond_c_per_min: 2.0,
+            blend_band_c_per_min: 0.2,
+        };
+        let state = State {
+            temperature_c: 20.0,
+            ramp_c_per_min: 0.0,
+            difference_c_per_min: 0.0,
+            frequency_u: 0.0,
+            frequency_u_per_min: 0.0,
+        };
+        let axis = AxisThermal { state, known: true, age: 0, settled: true };
+        let thermal = Thermal { axes: [axis; AXES], time_s: 1.0 };
+        let quantities = &crate::inputs::Quantities::NONE;
+        let after = |soaked_c: f32| {
+            let mut effect = RampSquareLags::new(Taus { tau_min_s: 60.0, tau_max_s: 6000.0 }, 1.0);
+            effect.soak_at(soaked_c);
+            effect.step(&Inputs { scaling: &scaling, thermal: &thermal, axis: 0, quantities })
+        };
+        assert_eq!(after(-45.0), [0.0; RUNGS]);
+        assert!(after(65.0).iter().all(|x| (3.9..4.0).contains(x)), "{:?}", after(65.0));
+    }
+}
