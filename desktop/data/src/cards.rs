@@ -293,6 +293,9 @@ fn loop_shows(row: &ParameterRow, x: &Extent) -> bool {
     t.on_c - t.off_c >= narrowest(x)
 }
 
+/// The shortest rise in time that is none of the events, which happen at once, s.
+const SHORTEST_RISE_S: f32 = 600.0;
+
 /// Pairs of thresholds at some places of the temperatures: on above off.
 fn thresholds(x: &Extent, places: usize) -> Vec<ParameterRow> {
     let place = |k: usize| x.low_c + x.span_c() * k as f32 / (places + 1) as f32;
@@ -486,7 +489,7 @@ pub fn card(effect: EffectId) -> Card {
             ..Card::of(
                 Hysteresis,
                 Simple,
-                "heating and cooling follow different curves that cross, by the square of a loop",
+                "the bias follows a loop and its square, so that the curves of heating and cooling cross",
             )
         },
         E::WideningPlay => Card {
@@ -594,10 +597,10 @@ pub fn card(effect: EffectId) -> Card {
             // (What is sharper may be an event; what comes later, whatever has happened in the run.)
             possible: |row, x| {
                 let onset = Onset::of(row);
-                onset.rise_s >= 600.0 && onset.middle_s <= x.longest_s / 3.0
+                onset.rise_s >= SHORTEST_RISE_S && onset.middle_s <= x.longest_s / 3.0
             },
             grid: |x| {
-                let apart = (x.longest_s / 36.0).max(600.0);
+                let apart = (x.longest_s / 36.0).max(SHORTEST_RISE_S);
                 rows((1..=12).map(|k| Onset { middle_s: apart * k as f32, rise_s: apart }))
             },
             generator: of([4000.0, 1200.0]),

@@ -1,11 +1,19 @@
 //! Shared parts of the effects: geometric ladders of times and widths, piecewise-linear curves over knots, a smooth rise, and the play operator.
 
+use super::lag_share;
+use super::parameters::Taus;
 use crate::bias::clamp;
 
 /// Rung `k` of `n` between `low` and `high`, evenly in the logarithm; `low` where there is nothing between.
 pub fn rung(low: f32, high: f32, k: usize, n: usize) -> f32 {
     let ratio = if high > low && low > 0.0 { high / low } else { 1.0 };
     low * libm::expf(libm::logf(ratio) * k as f32 / (n - 1) as f32)
+}
+
+/// Shares of the way that `N` lags go in `step_s`, whose times are evenly in the logarithm.
+#[inline]
+pub fn shares<const N: usize>(taus: Taus, step_s: f32) -> [f32; N] {
+    core::array::from_fn(|k| lag_share(step_s, rung(taus.tau_min_s, taus.tau_max_s, k, N)))
 }
 
 /// Weights of `N` knots evenly over `low..high` at `x`: two neighbours share one; beyond the ends the last knot has it all, so

@@ -1,9 +1,9 @@
 //! `heating-lags`: a leaky sum of what the temperature has risen, for eight times from `tau_min_s` to `tau_max_s`: relaxations that
 //! only heating stirs up. (Cooling alone is the lag of both less this one.) State: the sums, starting at zero.
 
-use super::bank::rung;
+use super::bank::shares;
 use super::parameters::Taus;
-use super::{lag_share, Effect, Inputs, Reach, Span};
+use super::{Effect, Inputs, Reach, Span};
 
 const RUNGS: usize = 8;
 
@@ -27,7 +27,7 @@ impl Effect for HeatingLags {
 
     fn new(p: Taus, step_s: f32) -> Self {
         Self {
-            share: core::array::from_fn(|k| lag_share(step_s, rung(p.tau_min_s, p.tau_max_s, k, RUNGS))),
+            share: shares(p, step_s),
             sum_c: [0.0; RUNGS],
             step_min: step_s / 60.0,
             soaked_c: f32::NAN,

@@ -2,9 +2,9 @@
 //! memory is a sum of such lags: several poles, diffusion, a spectrum of time constants. State: the lagged temperatures,
 //! starting in equilibrium with the first one. Source: expansion of a relaxation in a discrete spectrum (Prony series).
 
-use super::bank::rung;
+use super::bank::shares;
 use super::parameters::Taus;
-use super::{lag_share, settle, Effect, Inputs, Reach, Span};
+use super::{settle, Effect, Inputs, Reach, Span};
 
 /// Lags of the ladder.
 pub const RUNGS: usize = 9;
@@ -28,7 +28,7 @@ impl Effect for LagLadder {
 
     fn new(p: Taus, step_s: f32) -> Self {
         Self {
-            share: core::array::from_fn(|k| lag_share(step_s, rung(p.tau_min_s, p.tau_max_s, k, RUNGS))),
+            share: shares(p, step_s),
             state_c: [f32::NAN; RUNGS],
             rest_c: [0.0; RUNGS],
         }

@@ -2,9 +2,9 @@
 //! from `tau_min_s` to `tau_max_s`, evenly in the logarithm: stress that grows as the square of a gradient, gas that a gradient stirs, relaxations that heating and cooling
 //! stir alike. State: the lags, starting in equilibrium.
 
-use super::bank::rung;
+use super::bank::shares;
 use super::parameters::Taus;
-use super::{lag_share, Effect, Inputs, Reach, Span};
+use super::{Effect, Inputs, Reach, Span};
 
 const RUNGS: usize = 7;
 
@@ -25,7 +25,7 @@ impl Effect for LagSquares {
 
     fn new(p: Taus, step_s: f32) -> Self {
         Self {
-            share: core::array::from_fn(|k| lag_share(step_s, rung(p.tau_min_s, p.tau_max_s, k, RUNGS))),
+            share: shares(p, step_s),
             state_c: [f32::NAN; RUNGS],
         }
     }

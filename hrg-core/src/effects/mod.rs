@@ -556,20 +556,25 @@ mod tests {
         blend_band_c_per_min: 0.2,
     };
 
-    /// Steps an effect of axis 0 with axes that are apart.
-    fn step(effect: &mut Running, t: f32, time_s: f32) -> [f32; MAX_OUTPUTS] {
+    /// Gives the inputs of axis 0, with axes that are apart.
+    fn with_inputs<R>(t: f32, ramp_c_per_min: f32, time_s: f32, of: impl FnOnce(&Inputs<'_>) -> R) -> R {
         let axis = |temperature_c| {
             let state = State {
                 temperature_c,
-                ramp_c_per_min: 0.5,
-                difference_c_per_min: 0.5,
+                ramp_c_per_min,
+                difference_c_per_min: ramp_c_per_min,
                 frequency_u: 0.1,
                 frequency_u_per_min: 0.01,
             };
             AxisThermal { state, known: true, age: 0, settled: true }
         };
         let thermal = Thermal { axes: [axis(t), axis(t + 2.0), axis(t - 3.0)], time_s };
-        effect.step(&Inputs { scaling: &SCALING, thermal: &thermal, axis: 0, quantities: &Quantities::NONE })
+        of(&Inputs { scaling: &SCALING, thermal: &thermal, axis: 0, quantities: &Quantities::NONE })
+    }
+
+    /// Steps an effect of axis 0.
+    fn step(effect: &mut Running, t: f32, time_s: f32) -> [f32; MAX_OUTPUTS] {
+        with_inputs(t, 0.5, time_s, |inputs| effect.step(inputs))
     }
 
     fn run(name: &str, parameter: f32, at: impl Fn(u16) -> f32, steps: u16) -> f32 {
@@ -696,6 +701,19 @@ mod tests {
         // (A ramp of 0.5 C per minute, for long.)
         let last = (0..6000).map(|_| step(&mut e, 20.0, 0.0)).last().expect("steps");
         assert!(last[..8].iter().all(|x| (x - 0.25).abs() < 1e-3) && last[8..] == [0.0; 6], "{last:?}");
+    }
+
+    #[test]
+    fn between_a_hot_and_a_cold_past_of_squared_ramps_lies_every_other() {
+        let after = |soaked_c: f32| {
+            let mut effect = RampSquareLags::new(parameters::Taus { tau_min_s: 60.0, tau_max_s: 6000.0 }, 1.0);
+            effect.soak_at(soaked_c);
+            with_inputs(20.0, 0.0, 1.0, |inputs| effect.step(inputs))
+        };
+        assert_eq!(after(-45.0), [0.0; 8]);
+        let fastest = SCALING.linear_beyond_c_per_min;
+        let most = fastest * fastest;
+        assert!(after(65.0).iter().all(|x| (0.975 * most..most).contains(x)), "{:?}", after(65.0));
     }
 
     #[test]
