@@ -211,6 +211,17 @@ pub const fn case(axis: usize) -> u8 {
     8 + axis as u8
 }
 
+/// Number of a quantity on an axis: of one that each axis has (drive, quadrature, case) that of the axis.
+#[must_use]
+pub const fn of_axis(number: u8, axis: usize) -> u8 {
+    match number {
+        2..=4 => drive(axis),
+        5..=7 => quad(axis),
+        8..=10 => case(axis),
+        common => common,
+    }
+}
+
 /// Values as one message holds them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InputValues {

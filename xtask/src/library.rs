@@ -4,7 +4,7 @@ use crate::{bounds, cargo, root, run, setup, Failure};
 use setup::Toolchain;
 
 /// Bound of the example's program, bytes: a tenth above what it takes.
-const EXAMPLE_FLASH_BOUND: u64 = 131_000;
+const EXAMPLE_FLASH_BOUND: u64 = 88_500;
 
 /// Builds the example for the nRF52840, in a folder of its own, and prints what it takes.
 pub fn example(t: &Toolchain) -> Result<(), Failure> {

@@ -2,10 +2,11 @@
 
 use crate::recording::steps::Run;
 use hrg_core::effects::parameters::{
-    Arrhenius, Breakpoint, Channel, Cycle, EndWidths, Lag, Onset, Parameters, Pulse, Ramp, RampRange, Rise, Source,
-    Swing, Tau, Taus, TemperatureRange, Thresholds, Until, Width, Widths,
+    Arrhenius, Bend, BothWays, Breakpoint, Channel, Cycle, EndWidths, Lag, Onset, Parameters, Pulse, Ramp, RampRange,
+    Rise, Source, Swing, Tau, Taus, TemperatureRange, Thresholds, Until, Width, Widths,
 };
 use hrg_core::effects::{EffectId, Facts, ALL, MAX_PARAMETERS};
+use hrg_core::inputs::{self, QUANTITIES};
 use hrg_core::AXES;
 use serde::{Serialize, Serializer};
 
@@ -75,6 +76,8 @@ pub struct Extent {
     pub longest_s: f32,
     /// Time constant by which the resonators follow their cases, s.
     pub lag_s: f32,
+    /// Least and greatest value of each quantity beside the frequencies, as effects count it; `None` where no run has it.
+    pub quantities: [Option<[f32; 2]>; QUANTITIES],
     /// Number of runs.
     pub runs: usize,
     /// Set if the runs pass a third of the temperatures at least twice the same way, heating or cooling.
@@ -86,6 +89,13 @@ impl Extent {
     #[must_use]
     pub fn span_c(&self) -> f32 {
         self.high_c - self.low_c
+    }
+
+    /// Least and greatest value of a quantity, of all axes if it is an axis'.
+    #[must_use]
+    pub fn quantity(&self, number: u8) -> Option<[f32; 2]> {
+        let of_axis = |a| self.quantities.get(usize::from(inputs::of_axis(number, a))).copied().flatten();
+        (0..AXES).filter_map(of_axis).reduce(|[low, high], [l, h]| [low.min(l), high.max(h)])
     }
 }
 
@@ -113,6 +123,8 @@ pub enum Move {
     Cycle,
     /// A temperature: moved by steps of this share of the span.
     Place(f32),
+    /// A value of the recorded quantity whose number is the second parameter: moved by steps of this share of its range.
+    Level(f32),
     /// A moment: moved by steps of a block of rows.
     Block,
     /// A period in time: moved by less than a cycle over the run.
@@ -262,7 +274,31 @@ fn unequal_loops(x: &Extent) -> Vec<ParameterRow> {
     rows(unequal.map(|(width_cold_c, width_hot_c)| EndWidths { width_cold_c, width_hot_c }))
 }
 
-/// A grid for loops whose form changes along the temperature: one heating and one cooling do not tell them from what happened once.
+/// Time constants of a lag.
+fn delays(x: &Extent) -> impl Iterator<Item = f32> {
+    log(120.0, (x.longest_s / 2.5).max(600.0), 18)
+}
+
+/// Pairs of unlike time constants, of a lag that warms and of the same one that cools.
+fn unequal_times(x: &Extent) -> Vec<ParameterRow> {
+    let times: Vec<f32> = delays(x).collect();
+    let pairs = times.iter().flat_map(|warming| times.iter().map(move |cooling| (*warming, *cooling)));
+    let unequal = pairs.filter(|(warming, cooling)| warming != cooling);
+    rows(unequal.map(|(warming_tau_s, cooling_tau_s)| BothWays { warming_tau_s, cooling_tau_s }))
+}
+
+/// Places within the ranges of the recorded quantities.
+fn bends(x: &Extent) -> Vec<ParameterRow> {
+    // (Of an axis' quantities the first stands for all; the cases are as warm as the resonators.)
+    let channels = [0, 1, 2, 5].into_iter().chain(11..QUANTITIES as u8);
+    let within = channels.filter_map(|channel| Some((f32::from(channel), x.quantity(channel)?)));
+    rows(within.flat_map(|(channel, [low, high])| {
+        let margin = 0.1 * (high - low);
+        even(low + margin, high - margin, 12).map(move |break_at| Bend { break_at, channel })
+    }))
+}
+
+/// A grid for forms that one heating and one cooling do not tell from what happened once.
 fn where_path_repeats(x: &Extent, grid: Grid) -> Vec<ParameterRow> {
     if x.path_repeats {
         grid(x)
@@ -404,7 +440,7 @@ pub fn card(effect: EffectId) -> Card {
         },
         E::ThermalLag => Card {
             refine: &[SCALE],
-            grid: |x| rows(log(120.0, (x.longest_s / 2.5).max(600.0), 18).map(|tau_s| Tau { tau_s })),
+            grid: |x| rows(delays(x).map(|tau_s| Tau { tau_s })),
             generator: drawn(2400.0, 1200.0, 6000.0),
             parted_by_profile: true,
             ..Card::of(Memory, Simple, "part of the bias follows the temperature with a delay")
@@ -458,6 +494,12 @@ pub fn card(effect: EffectId) -> Card {
             },
             generator: of([3000.0, 0.3]),
             ..Card::of(Memory, Simple, "part of the bias follows the temperature with a swing")
+        },
+        E::AsymmetricLag => Card {
+            refine: &[SCALE, SCALE],
+            grid: |x| where_path_repeats(x, unequal_times),
+            generator: of([600.0, 2400.0]),
+            ..Card::of(Memory, Simple, "part of the bias follows heating and cooling with different delays")
         },
         E::HeatingLags => Card {
             grid: |x| rows([Taus { tau_min_s: 120.0, tau_max_s: slowest(x) }]),
@@ -572,6 +614,28 @@ pub fn card(effect: EffectId) -> Card {
             parted_by_profile: true,
             ..Card::of(PowerOn, Simple, "the bias settles after power-on")
         },
+        E::WarmUpByTemperature => Card {
+            refine: &[SCALE],
+            grid: |x| where_path_repeats(x, |x| rows(log(300.0, x.longest_s / 2.0, 12).map(|tau_s| Tau { tau_s }))),
+            generator: of([1800.0, 0.0]),
+            ..Card::of(PowerOn, Simple, "the bias settles after power-on, by more or less at other temperatures")
+        },
+        E::DampedOscillation => Card {
+            refine: &[SCALE, Move::Factor(0.3)],
+            // (What goes on through a run is not the power-on's, and beyond half of the critical damping it is a warm-up.)
+            possible: |row, x| {
+                let swing = Swing::of(row);
+                swing.damping <= 0.5 && swing.period_s <= core::f32::consts::TAU * swing.damping * x.longest_s / 3.0
+            },
+            grid: |x| {
+                where_path_repeats(x, |x| {
+                    let periods = log(600.0, (x.longest_s / 6.0).max(1200.0), 14);
+                    rows(periods.map(|period_s| Swing { period_s, damping: 0.1 }))
+                })
+            },
+            generator: of([3000.0, 0.1]),
+            ..Card::of(PowerOn, Simple, "the bias swings after power-on, less and less")
+        },
         E::PowerOnLadder => Card {
             grid: decays,
             generator: of([120.0, 6000.0]),
@@ -634,9 +698,28 @@ pub fn card(effect: EffectId) -> Card {
             grid: |_| rows((0..8).chain(11..16).map(|k| Channel { channel: k as f32 })),
             repair: Some(|p| {
                 let number = p(E::RecordedQuantity.facts().parameters[0]) as usize;
-                needs_input(E::RecordedQuantity, hrg_core::inputs::NAMES.get(number).unwrap_or(&"the quantity"))
+                needs_input(E::RecordedQuantity, inputs::NAMES.get(number).unwrap_or(&"the quantity"))
             }),
             ..Card::of(Input, Searched, "the bias follows a recorded quantity")
+        },
+        E::OwnQuantity => Card {
+            repeats: true,
+            grid: |_| rows([2.0, 5.0].map(|channel| Channel { channel })),
+            repair: Some(|p| {
+                let number = p(E::OwnQuantity.facts().parameters[0]) as usize;
+                needs_input(E::OwnQuantity, columns_of(number))
+            }),
+            ..Card::of(Input, Searched, "the bias follows a recorded quantity of its axis")
+        },
+        E::InputKink => Card {
+            refine: &[Move::Level(0.02)],
+            repeats: true,
+            grid: bends,
+            repair: Some(|p| {
+                let number = p(E::InputKink.facts().parameters[1]) as usize;
+                needs_input(E::InputKink, columns_of(number))
+            }),
+            ..Card::of(Input, Simple, "the bias follows a recorded quantity, with another slope beyond a value of it")
         },
         E::Timebase => Card {
             grid: behind_the_case,
@@ -702,6 +785,17 @@ pub fn card(effect: EffectId) -> Card {
 
 fn needs_case_sensors(effect: EffectId) -> String {
     format!("{} needs the case sensors, which the unit does not read: give the case time to settle", effect.name())
+}
+
+/// The columns of a recording that hold a quantity, of each axis if it is an axis'.
+#[must_use]
+pub fn columns_of(number: usize) -> &'static str {
+    match number {
+        2..=4 => "drive_?_v",
+        5..=7 => "quad_?_v",
+        8..=10 => "case_?_c",
+        _ => inputs::NAMES.get(number).unwrap_or(&"the quantity"),
+    }
 }
 
 fn needs_input(effect: EffectId, columns: &str) -> String {

@@ -23,7 +23,9 @@ fn one_command_calibrates_a_unit_and_goes_on_where_it_was_stopped() {
             text.lines().filter(|l| l.starts_with(|c: char| c.is_ascii_digit())).count()
         };
         while rows("train-1.csv") < 700 {
-            assert!(first.try_wait().expect("runs").is_none(), "it ended by itself");
+            if first.try_wait().expect("runs").is_some() {
+                panic!("it ended by itself: {:?}", first.wait_with_output().expect("ended"));
+            }
             std::thread::sleep(Duration::from_millis(200));
         }
         let pid = first.id().to_string();

@@ -166,8 +166,8 @@ pub trait Effect: Sized {
     fn soak_at(&mut self, temperature_c: f32) {
         self.memory().fill(temperature_c);
     }
-    /// The same of an effect that remembers quantities, each less its reference.
-    fn stand_at(&mut self, _quantities: &Quantities) {}
+    /// The same of an effect that remembers quantities of an axis, each less its reference.
+    fn stand_at(&mut self, _quantities: &Quantities, _axis: usize) {}
     /// Advances by one step and gives the regressors; NaN where a needed quantity is missing.
     fn step(&mut self, inputs: &Inputs<'_>) -> Self::Regressors;
 }
@@ -284,30 +284,21 @@ impl<const N: usize> Sums<'_, N> {
     }
 }
 
-/// Advances an effect on every axis, and adds its bias there. An axis that has no temperature yet has NaN for it; so has its
-/// bias, which nobody uses, and a state that begins anew with the first temperature. An effect whose quantity has never come adds nothing.
+/// Advances an effect on an axis and gives the number of its regressors, which are then in `out`. `None` where a quantity that it needs has never come: it adds
+/// nothing there. An axis that has no temperature yet has NaN for it; so has its bias, which nobody uses, and a state that begins anew with the first temperature.
 // One function for each effect: all of them in one would run short of registers.
 #[inline(never)]
-fn add_bias_dph<E: Effect, const N: usize>(
-    effects: &mut [E; AXES],
-    scaling: &Scaling,
-    thermal: &Thermal,
-    quantities: &Quantities,
-    sums: &mut Sums<'_, N>,
-) {
+fn step_of<E: Effect>(effects: &mut [E; AXES], inputs: &Inputs<'_>, out: &mut [f32; MAX_OUTPUTS]) -> Option<usize> {
     if !E::REACH.on_unit() {
         // `OnUnit::new` starts none of these; so the unit holds no code for them.
-        return;
+        return None;
     }
-    let inputs = |axis| Inputs { scaling, thermal, axis, quantities };
-    let common = E::COMMON.then(|| effects[0].step(&inputs(0)));
-    for axis in 0..AXES {
-        let x = common.unwrap_or_else(|| effects[axis].step(&inputs(axis)));
-        if matches!(E::REACH, Reach::NeedsInput(_)) && x.missing() {
-            continue;
-        }
-        sums.add(axis, x.each());
+    let x = effects.get_mut(inputs.axis)?.step(inputs);
+    if matches!(E::REACH, Reach::NeedsInput(_)) && x.missing() {
+        return None;
     }
+    out.iter_mut().zip(x.each()).for_each(|(o, x)| *o = *x);
+    Some(E::Regressors::COUNT)
 }
 
 mod bank;
@@ -433,7 +424,17 @@ macro_rules! effects {
                 quantities: &Quantities,
                 sums: &mut Sums<'_, N>,
             ) {
-                match self { $(Self::$name(e) => add_bias_dph(e, scaling, thermal, quantities, sums)),+ }
+                let common = match self { $(Self::$name(_) => <$name as Effect>::COMMON),+ };
+                let (mut x, mut count) = ([0.0; MAX_OUTPUTS], None);
+                for axis in 0..AXES {
+                    if axis == 0 || !common {
+                        let inputs = Inputs { scaling, thermal, axis, quantities };
+                        count = match self { $(Self::$name(e) => step_of(e, &inputs, &mut x)),+ };
+                    }
+                    if let Some(regressors) = count.and_then(|n| x.get(..n)) {
+                        sums.add(axis, regressors);
+                    }
+                }
             }
             /// Memory of an axis: [`Effect::memory`].
             #[inline(never)]
@@ -446,7 +447,7 @@ macro_rules! effects {
                 match self {
                     $(Self::$name(e) => e.iter_mut().skip(axis).take(1).for_each(|e| {
                         e.soak_at(temperature_c);
-                        e.stand_at(quantities);
+                        e.stand_at(quantities, axis);
                     })),+
                 }
             }
@@ -498,7 +499,7 @@ effects! {
     ramp_by_shape::{RampByShape, HeatingByShape},
     power_on_ladder::{PowerOnLadder, PowerOnLadderByTemperature, PowerOnLadderByStart},
     extremes::{Extremes},
-    recorded_quantity::{RecordedQuantity},
+    recorded_quantity::{RecordedQuantity, OwnQuantity},
     thermometer_error::{ThermometerError},
     rate_saturation::{RateSaturation},
     cooling_heating_held::{CoolingHeatingHeld},
@@ -513,6 +514,10 @@ effects! {
     butterfly::{Butterfly},
     widening_play::{WideningPlay},
     late_onset::{LateOnset},
+    asymmetric_lag::{AsymmetricLag},
+    warm_up_by_temperature::{WarmUpByTemperature},
+    damped_oscillation::{DampedOscillation},
+    input_kink::{InputKink},
 }
 
 impl EffectId {
@@ -743,13 +748,84 @@ mod tests {
     }
 
     #[test]
+    fn an_asymmetric_lag_has_a_time_for_each_direction() {
+        let mut e = Running::new(EffectId::AsymmetricLag.facts().id, &[300.0, 1200.0], 1.0).expect("in the list");
+        assert_eq!(step(&mut e, 0.0, 0.0)[0], 0.0, "starts in equilibrium");
+        // After a time constant a step has 1/e to go, either way.
+        let warmed = (0..300).map(|_| step(&mut e, 10.0, 0.0)[0]).last().expect("steps");
+        assert!((warmed / -10.0 - (-1.0f32).exp()).abs() < 1e-4, "{warmed}");
+        let from = 10.0 + warmed;
+        let cooled = (0..1200).map(|_| step(&mut e, 0.0, 0.0)[0]).last().expect("steps");
+        assert!((cooled / from - (-1.0f32).exp()).abs() < 1e-4, "{cooled}");
+    }
+
+    #[test]
+    fn a_warm_up_by_temperature_is_a_parabola_that_decays() {
+        let mut e = Running::new(EffectId::WarmUpByTemperature.facts().id, &[600.0, 0.0], 1.0).expect("in the list");
+        for (t, time_s) in [(-20.0f32, 0.0f32), (40.0, 600.0), (80.0, 1200.0)] {
+            let (_, u) = SCALING.u_and_inside(t);
+            let left = (-time_s / 600.0).exp();
+            let got = step(&mut e, t, time_s);
+            for (got, want) in got.iter().zip([left, left * u, left * u * u]) {
+                assert!((got - want).abs() < 1e-6, "{got} instead of {want} at {t} C");
+            }
+        }
+    }
+
+    #[test]
+    fn a_damped_oscillation_turns_and_decays() {
+        let mut e = Running::new(EffectId::DampedOscillation.facts().id, &[1200.0, 0.1], 1.0).expect("in the list");
+        let round = (-core::f32::consts::TAU * 0.1).exp();
+        for (turns, want) in [(0.0f32, [1.0, 0.0]), (0.25, [0.0, 1.0]), (1.0, [1.0, 0.0]), (1.5, [-1.0, 0.0])] {
+            let got = step(&mut e, 20.0, 1200.0 * turns);
+            for (got, want) in got.iter().zip(want) {
+                assert!((got - want * round.powf(turns)).abs() < 1e-5, "{got} at {turns}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_kink_of_an_input_is_of_the_own_axis() {
+        let quad = EffectId::InputKink.facts().id;
+        let mut values = [f32::NAN; crate::inputs::QUANTITIES];
+        values[5..8].copy_from_slice(&[0.2, -0.1, 0.5]);
+        let quantities = Quantities::new(values);
+        let got = [0, 1, 2].map(|axis| {
+            let mut e = Running::new(quad, &[0.1, 5.0], 1.0).expect("in the list");
+            let x = with_inputs(20.0, 0.5, 0.0, |i| e.step(&Inputs { axis, quantities: &quantities, ..*i }));
+            assert_eq!(reads(quad, &[0.1, 5.0], axis), QuantitySet::one(crate::inputs::quad(axis)));
+            [x[0], x[1]]
+        });
+        assert_eq!(got, [[0.2, 0.1], [-0.1, 0.0], [0.5, 0.4]]);
+    }
+
+    #[test]
+    fn a_quantity_of_its_own_is_that_of_the_axis() {
+        let [own, one] = [EffectId::OwnQuantity, EffectId::RecordedQuantity].map(|e| e.facts().id);
+        let quantities = |k: f32| Quantities::new(core::array::from_fn(|number| 0.1 * number as f32 + 0.01 * k));
+        for axis in 0..AXES {
+            let number = crate::inputs::drive(axis);
+            // (Any axis' drive stands for it.)
+            let [mut own, mut one] = [(own, 3.0), (one, f32::from(number))]
+                .map(|(id, p)| Running::new(id, &[p, 0.0], 1.0).expect("in the list"));
+            for k in 0..3u8 {
+                let quantities = quantities(k.into());
+                let [own, one] = [&mut own, &mut one]
+                    .map(|e| with_inputs(20.0, 0.5, 0.0, |i| e.step(&Inputs { axis, quantities: &quantities, ..*i })));
+                assert_eq!(own, one);
+                assert_eq!(own[0], quantities.drive_v(axis));
+            }
+        }
+    }
+
+    #[test]
     fn warm_up_decays() {
         assert!((run("warm-up", 600.0, |_| 20.0, 601) - (-1.0f32).exp()).abs() < 1e-3);
     }
 
     #[test]
     fn what_is_missing_is_nan() {
-        for name in ["case-gradient", "timebase", "drive-amplitude", "quadrature", "board"] {
+        for name in ["case-gradient", "timebase", "drive-amplitude", "quadrature", "board", "input-kink"] {
             assert!(run(name, 0.0, |_| 20.0, 2).is_nan(), "{name}");
         }
     }

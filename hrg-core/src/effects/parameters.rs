@@ -75,6 +75,11 @@ const fn first(of: &[bool]) -> [bool; MAX_PARAMETERS] {
 parameters! {
     /// One time constant.
     Tau { tau_s: true, "Time constant, s." }
+    /// A lag with a time constant for each direction.
+    BothWays {
+        warming_tau_s: true, "Time constant while it warms, s.";
+        cooling_tau_s: true, "Time constant while it cools, s."
+    }
     /// Time constants of a bank, evenly in the logarithm.
     Taus { tau_min_s: true, "Shortest time constant, s."; tau_max_s: true, "Longest time constant, s." }
     /// Time constants that follow temperature by Arrhenius' law.
@@ -121,6 +126,11 @@ parameters! {
     RampRange { ramp_max_c_per_min: true, "Fastest rate of change, C per minute." }
     /// A recorded quantity.
     Channel { channel: false, "Its number: see the effect." }
+    /// A change of slope over a recorded quantity.
+    Bend {
+        break_at: false, "Value at which the slope changes, less the quantity's reference.";
+        channel: false, "The quantity's number."
+    }
     /// A hidden layer on a recorded quantity.
     Hidden { channel: false, "The quantity's number."; seed: false, "Seed of the weights, a whole number." }
     /// A recorded quantity of the electronics.

@@ -6,7 +6,7 @@ use crate::fit::baseline_columns;
 use hrg_core::bias::{Scaling, TERMS};
 use hrg_core::effects::parameters::Thresholds;
 use hrg_core::effects::{self, EffectId, Facts, Inputs, Running, MAX_OUTPUTS};
-use hrg_core::inputs::{Input, Quantities, QuantitySet};
+use hrg_core::inputs::{Input, Quantities, QuantitySet, QUANTITIES};
 use hrg_core::thermal::Thermal;
 use hrg_core::{AXES, MODEL_STEP_S};
 use hrg_data::cards;
@@ -570,9 +570,25 @@ impl<'a> Data<'a> {
             fastest_c_per_min: ramps.fold(0.1, |m, (low, high)| m.max(high).max(-low)),
             longest_s: self.longest_s(),
             lag_s: self.lag_s,
+            quantities: self.ranges(),
             runs: self.runs.len(),
             path_repeats: thirds.any(|third| (0..AXES).any(|a| self.switches_again(third, a))),
         }
+    }
+
+    /// Least and greatest value of each quantity beside the frequencies, as effects count it.
+    fn ranges(&self) -> [Option<[f32; 2]>; QUANTITIES] {
+        let counted = |run: &'_ Run, number: u8| {
+            let input = run.table.iter().find(|i| i.quantity == number).copied();
+            let of = move |v: f32| input.as_ref().map_or(v, |i| i.counted(v));
+            run.steps.values(number).map(of).fold(None, |range: Option<[f32; 2]>, v| {
+                Some(range.map_or([v, v], |[low, high]| [low.min(v), high.max(v)]))
+            })
+        };
+        std::array::from_fn(|number| {
+            let ranges = self.runs.iter().filter_map(|run| counted(run, number as u8));
+            ranges.reduce(|[low, high], [l, h]| [low.min(l), high.max(h)])
+        })
     }
 
     /// The library: every effect with the values of its parameters, and how many values each is one of; then those of a user's own.

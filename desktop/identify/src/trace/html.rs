@@ -268,7 +268,7 @@ fn ranking(t: &Trace) -> anyhow::Result<String> {
             "<h3>{} <span class=small>{}{} &middot; {} &middot; {}</span></h3>",
             escape(&e.label()),
             e.class.name(),
-            if e.parameters.is_empty() { String::new() } else { format!(" &middot; {}", e.parameters_text()) },
+            Some(e.parameters_text()).filter(|t| !t.is_empty()).map_or(String::new(), |t| format!(" &middot; {t}")),
             match e.confirmed {
                 Some(true) => "confirmed by the verify run",
                 Some(false) => "not confirmed by the verify run",

@@ -9,7 +9,7 @@ use hrg_core::effects::EffectId;
 use hrg_core::inputs::{self, Input};
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
-use hrg_data::cards::Class;
+use hrg_data::cards::{columns_of, Class};
 use hrg_data::recording::Recording;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -196,8 +196,10 @@ impl Found {
     /// The column that it reads, of an effect that has a number for it among its parameters.
     #[must_use]
     pub fn column(&self) -> Option<&'static str> {
+        let channel = || Some(*self.parameters.get("channel")? as usize);
         let number = match EffectId::by_name(&self.name)? {
-            EffectId::RecordedQuantity => *self.parameters.get("channel")? as usize,
+            EffectId::OwnQuantity | EffectId::InputKink => return Some(columns_of(channel()?)),
+            EffectId::RecordedQuantity => channel()?,
             EffectId::Board => usize::from(*self.parameters.get("source")? > 0.5),
             _ => return None,
         };
@@ -213,14 +215,13 @@ impl Found {
     /// The inner parameters in words, with 95 % intervals where they were refined.
     #[must_use]
     pub fn parameters_text(&self) -> String {
-        if self.column().is_some() {
-            return String::new();
-        }
+        let told = self.column().is_some();
         let one = |(n, v): (&String, &f64)| match self.parameter_std.get(n) {
             Some(s) => format!("{n} {} \u{b1} {}", three_digits(*v), three_digits(1.96 * s)),
             None => format!("{n} {}", three_digits(*v)),
         };
-        self.parameters.iter().map(one).collect::<Vec<_>>().join(", ")
+        let shown = self.parameters.iter().filter(|(n, _)| !told || !["channel", "source"].contains(&n.as_str()));
+        shown.map(one).collect::<Vec<_>>().join(", ")
     }
 }
 
