@@ -217,7 +217,9 @@ impl History {
                     let [lowest, highest] = inputs::with_ends(&seen.values, &calibration.inputs, QuantitySet::all());
                     low.soak_at(k, range.valid_from_c, &lowest);
                     high.soak_at(k, range.valid_to_c, &highest);
-                    *past = Place::Apart(0.0, 0.0, 0.0);
+                    let sizes = || term.gains[k].iter().map(|g| g.abs()).sum();
+                    let begins = if main.passes_zero() { sizes() } else { 0.0 };
+                    *past = Place::Apart(begins, begins, 0.0);
                 }
                 Place::Known if known && (lost[k] || any_lost) => {
                     for copy in [&mut *low, &mut *high] {
@@ -240,14 +242,19 @@ impl History {
             copy.add_bias_dph(&calibration.scaling, thermal, quantities, sums);
         }
         let [bounds_dph, ..] = along_dph;
+        // The copies of what swings meet and part again: its bound falls no faster than it dies away.
+        let left = match effects::span(term.id, &term.parameters) {
+            Span::Time(tau_s) if main.passes_zero() => libm::expf(-(TURN as f32) * MODEL_STEP_S / tau_s),
+            _ => 0.0,
+        };
         for (((past, lost), bound), own) in past.iter_mut().zip(lost).zip(bounds_dph).zip(own_dph) {
-            let Place::Apart(_, most, _) = *past else { continue };
-            let apart = bound.abs();
+            let Place::Apart(before, most, _) = *past else { continue };
+            let least = left * before;
+            let (apart, own) = (bound.abs().max(least), own.abs().max(least));
             // While a thermometer is lost they part anew.
             let parting = lost || any_lost;
             let most = if apart > most || parting { apart } else { most };
-            *past =
-                if apart <= NEGLIGIBLE_DPH && !parting { Place::Known } else { Place::Apart(apart, most, own.abs()) };
+            *past = if apart <= NEGLIGIBLE_DPH && !parting { Place::Known } else { Place::Apart(apart, most, own) };
         }
     }
 }
@@ -662,6 +669,52 @@ mod tests {
             assert!(off(k) < 3.5 * cold[k].bias_std_dph[0], "{k}: {} of {}", off(k), cold[k].bias_std_dph[0]);
         }
         assert!(off(first_known) < 0.1, "{}", off(first_known));
+    }
+
+    #[test]
+    fn what_swings_is_unknown_until_three_time_constants_are_over() {
+        let swing = [1200.0, 0.1f32];
+        let swings_s = 1200.0 / (core::f32::consts::TAU * 0.1);
+        let all = [
+            (EffectId::DampedOscillation, swing, swings_s),
+            (EffectId::UnderdampedLag, swing, swings_s),
+            (EffectId::WarmUpByTemperature, [1500.0, 0.0], 1500.0),
+        ];
+        for (effect, parameters, tau_s) in all {
+            let image = calibration(&[(effect, parameters, 2.0)], &[1]);
+            let mut c = Compensator::new(image, 0.0);
+            let outputs = run(&mut c, 0..20_000);
+            let flagged = |o: &Output| o.status[1].contains(AxisStatus::HISTORY_UNKNOWN);
+            let until = outputs.iter().rposition(flagged).expect("flagged");
+            assert!(outputs[..until].iter().all(flagged), "{}: without a break", effect.name());
+            // (The bound of the lag begins with the temperatures that it may have had: it is known a little earlier than its slowest part says.)
+            let times = until as f32 / tau_s;
+            assert!((2.9..3.2).contains(&times), "{}: {times} time constants", effect.name());
+        }
+    }
+
+    #[test]
+    fn a_first_second_without_a_frequency_costs_no_state() {
+        for facts in crate::effects::ALL.iter().filter(|f| f.reach == crate::effects::Reach::Unit) {
+            let parameters = match facts.name {
+                "temperature-shape" => [-35.0, 55.0],
+                _ => [600.0, 1200.0],
+            };
+            let image = calibration(&[(facts.effect, parameters, 0.1)], &[0, 1, 2]);
+            let mut late = Compensator::new(image.clone(), 0.0);
+            (0..3).for_each(|_| {
+                late.step(&[None; AXES]);
+            });
+            let mut other = Compensator::new(image, 0.0);
+            let still = || at(120 * 60);
+            (0..3).for_each(|_| {
+                other.step(&still());
+            });
+            let both = (0..2000).map(|_| [late.step(&still()), other.step(&still())]).last().expect("steps");
+            let [late, other] = both.map(|o| o.bias_dph);
+            assert!(late.iter().zip(other).all(|(l, o)| (l - o).abs() < 1e-4), "{}: {late:?} {other:?}", facts.name);
+            assert!(!both[0].status[0].contains(AxisStatus::UNCALIBRATED), "{}", facts.name);
+        }
     }
 
     #[test]

@@ -91,6 +91,15 @@ impl Extent {
         self.high_c - self.low_c
     }
 
+    /// The span by whose shares a parameter is moved that is not multiplied: that of the recorded quantity, or that of temperature.
+    #[must_use]
+    pub fn width(&self, how: Move, parameters: &ParameterRow) -> f32 {
+        match how {
+            Move::Level(_) => self.quantity(parameters[1] as u8).map_or(0.0, |[low, high]| high - low),
+            _ => self.span_c(),
+        }
+    }
+
     /// Least and greatest value of a quantity, of all axes if it is an axis'.
     #[must_use]
     pub fn quantity(&self, number: u8) -> Option<[f32; 2]> {
@@ -285,6 +294,11 @@ fn unequal_times(x: &Extent) -> Vec<ParameterRow> {
     let pairs = times.iter().flat_map(|warming| times.iter().map(move |cooling| (*warming, *cooling)));
     let unequal = pairs.filter(|(warming, cooling)| warming != cooling);
     rows(unequal.map(|(warming_tau_s, cooling_tau_s)| BothWays { warming_tau_s, cooling_tau_s }))
+}
+
+/// `true` if a swing dies away within a run: three of its time constants.
+fn swings_end(swing: Swing, x: &Extent) -> bool {
+    swing.period_s <= core::f32::consts::TAU * swing.damping * x.longest_s / 3.0
 }
 
 /// Places within the ranges of the recorded quantities.
@@ -625,12 +639,12 @@ pub fn card(effect: EffectId) -> Card {
             // (What goes on through a run is not the power-on's, and beyond half of the critical damping it is a warm-up.)
             possible: |row, x| {
                 let swing = Swing::of(row);
-                swing.damping <= 0.5 && swing.period_s <= core::f32::consts::TAU * swing.damping * x.longest_s / 3.0
+                swing.damping <= 0.5 && swings_end(swing, x)
             },
             grid: |x| {
                 where_path_repeats(x, |x| {
                     let periods = log(600.0, (x.longest_s / 6.0).max(1200.0), 14);
-                    rows(periods.map(|period_s| Swing { period_s, damping: 0.1 }))
+                    rows(periods.map(|period_s| Swing { period_s, damping: 0.1 }).filter(|s| swings_end(*s, x)))
                 })
             },
             generator: of([3000.0, 0.1]),

@@ -1,13 +1,14 @@
-//! `input-kink`: an input q, less its reference, and `max(q - break_at, 0)`: a change of slope, as a rectifier, a limiter or a regulator at its end makes it. The
+//! `input-kink`: `max(q - break_at, 0)` and q, with q an input less its reference: a change of slope, as a rectifier, a limiter or a regulator at its end makes it. The
 //! parameter `channel` is the number of the quantity, as `recorded-quantity` has it; of a quantity
 //! that each axis has, any axis' number stands for the own one.
 //! Stateless.
 
 use super::parameters::Bend;
 use super::{Effect, Inputs, Reach};
+use crate::bias::clamp;
 use crate::inputs::{of_axis, QuantitySet};
 
-/// An input, and what it has above a value.
+/// The part of an input above a value, and the input.
 #[derive(Debug, Clone)]
 pub struct InputKink {
     bend: Bend,
@@ -31,7 +32,6 @@ impl Effect for InputKink {
 
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 2] {
         let q = inputs.quantities.get(of_axis(self.bend.channel as u8, inputs.axis));
-        let above = q - self.bend.break_at;
-        [q, if above > 0.0 { above } else { 0.0 }]
+        [clamp(q - self.bend.break_at, 0.0, f32::INFINITY), q]
     }
 }

@@ -141,6 +141,9 @@ pub trait Effect: Sized {
     const NEIGHBOURS: bool = false;
     /// `true` if its regressors are the weights of the knots of a curve of the quantity that it remembers.
     const CURVE: bool = false;
+    /// `true` if its regressors pass zero while it still remembers: it swings, or they are products with the temperature. What it remembers dies away by the
+    /// time of its [`span`](Self::span).
+    const PASSES_ZERO: bool = false;
     /// The inner parameters.
     type Parameters: Parameters;
     /// The regressors of an axis: an array of as many as there are.
@@ -285,7 +288,7 @@ impl<const N: usize> Sums<'_, N> {
 }
 
 /// Advances an effect on an axis and gives the number of its regressors, which are then in `out`. `None` where a quantity that it needs has never come: it adds
-/// nothing there. An axis that has no temperature yet has NaN for it; so has its bias, which nobody uses, and a state that begins anew with the first temperature.
+/// nothing there.
 // One function for each effect: all of them in one would run short of registers.
 #[inline(never)]
 fn step_of<E: Effect>(effects: &mut [E; AXES], inputs: &Inputs<'_>, out: &mut [f32; MAX_OUTPUTS]) -> Option<usize> {
@@ -397,7 +400,7 @@ macro_rules! effects {
             }
         }
 
-        /// An effect as a unit runs it: of the three axes at once, one decision for all of them.
+        /// An effect as a unit runs it: of the three axes at once.
         #[derive(Debug, Clone)]
         pub enum OnUnit { $(#[doc = concat!("See [`", stringify!($name), "`].")] $name([$name; AXES])),+ }
 
@@ -414,7 +417,8 @@ macro_rules! effects {
                     _ => None,
                 }
             }
-            /// Advances by one step and adds to each axis the regressors times its gains.
+            /// Advances by one step and adds to each axis the regressors times its gains. What belongs to no axis is computed once. An axis that has no
+            /// temperature yet stays as it is: its effects begin, or go on after a restart, with the first one.
             // (Once in flash: the effects and their other pasts call it.)
             #[inline(never)]
             pub fn add_bias_dph<const N: usize>(
@@ -427,6 +431,12 @@ macro_rules! effects {
                 let common = match self { $(Self::$name(_) => <$name as Effect>::COMMON),+ };
                 let (mut x, mut count) = ([0.0; MAX_OUTPUTS], None);
                 for axis in 0..AXES {
+                    if !common {
+                        count = None;
+                        if thermal.state(axis).is_none() {
+                            continue;
+                        }
+                    }
                     if axis == 0 || !common {
                         let inputs = Inputs { scaling, thermal, axis, quantities };
                         count = match self { $(Self::$name(e) => step_of(e, &inputs, &mut x)),+ };
@@ -455,6 +465,11 @@ macro_rules! effects {
             #[must_use]
             pub const fn looks_at_neighbours(&self) -> bool {
                 match self { $(Self::$name(_) => <$name as Effect>::NEIGHBOURS),+ }
+            }
+            /// `true` if its regressors pass zero while it still remembers: [`Effect::PASSES_ZERO`].
+            #[must_use]
+            pub const fn passes_zero(&self) -> bool {
+                match self { $(Self::$name(_) => <$name as Effect>::PASSES_ZERO),+ }
             }
             /// `true` if its regressors are the weights of a curve's knots: [`Effect::CURVE`].
             #[must_use]
@@ -796,7 +811,7 @@ mod tests {
             assert_eq!(reads(quad, &[0.1, 5.0], axis), QuantitySet::one(crate::inputs::quad(axis)));
             [x[0], x[1]]
         });
-        assert_eq!(got, [[0.2, 0.1], [-0.1, 0.0], [0.5, 0.4]]);
+        assert_eq!(got, [[0.1, 0.2], [0.0, -0.1], [0.4, 0.5]]);
     }
 
     #[test]

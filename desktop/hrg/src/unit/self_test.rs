@@ -216,11 +216,18 @@ fn link(unit: &mut Unit) -> Result<Vec<Row>> {
     }
     let broken = (unit.bad_frames - before) as f32;
     Ok(vec![
-        own("questions lost", "of a hundred, there and back", String::new(), lost as f32, "", [0.0, 0.0]),
+        own(
+            "questions lost",
+            "of a hundred, there and back, or of three hundred, where one is late",
+            String::new(),
+            lost as f32,
+            "",
+            [0.0, 0.0],
+        ),
         own("frames broken", "that came from the unit meanwhile", String::new(), broken, "", [0.0, 0.0]),
         own(
             "slowest answer",
-            "of those, this computer's own time included; of three rounds the best, where one is late",
+            "of a hundred, this computer's own time included: asked three times, where one is late, the best of them",
             String::new(),
             least_s * 1e3,
             "ms",

@@ -611,10 +611,14 @@ impl<'a> Data<'a> {
                 let tries = grid.len() as f64;
                 // Offer an effect only if every run has the inputs that it needs.
                 let offered = self.runs.iter().all(|r| card.needs.met_by(r));
-                grid.into_iter().filter(move |_| offered).map(move |parameters| {
-                    let c = Candidate::new(facts.effect, parameters).starting(starts);
-                    (c.on_unit_with(unit), tries)
-                })
+                grid.into_iter()
+                    .filter(move |_| offered)
+                    .map(move |parameters| {
+                        let c = Candidate::new(facts.effect, parameters).starting(starts);
+                        (c.on_unit_with(unit), tries)
+                    })
+                    // (An input that the unit has on one axis alone is compensated by the quantity of that axis.)
+                    .filter(move |(c, _)| c.lacks.is_empty() || c.lacks == c.reads())
             })
             .chain(of_user)
             .collect()

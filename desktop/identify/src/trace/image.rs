@@ -144,7 +144,7 @@ impl Fits<'_> {
         Written { image, kind, figures, judged, good: !borne_out(&on_judge).is_empty() && !worse, chosen_on_verify }
     }
 
-    /// The baseline to be written: an axis whose events are columns of its fit keeps them there, unless the verify run shows the same
+    /// The baseline to be written: an axis whose events are columns of its fit keeps them there, unless the verify run shows less error
     /// without. An axis without events has the one by least squares, unless the verify run shows less error with the one whose ramp terms
     /// have a prior: where temperature and ramp went together in the train runs, least squares parts them by chance. `true` if the verify run has
     /// chosen that.
@@ -159,7 +159,7 @@ impl Fits<'_> {
         for a in 0..AXES {
             let events = self.beside.terms().iter().any(|t| t.on(a));
             let fall = of_beside.fall_against(&self.plain_on(&verify.data, a), &verify.data, a);
-            let better = if events { fall.is_none_or(|f| !f.loses()) } else { fall.is_some_and(|f| f.wins()) };
+            let better = if events { fall.is_none_or(|f| f.mse_fall >= 0.0) } else { fall.is_some_and(|f| f.wins()) };
             chosen |= events != better;
             if better {
                 take_axis(&mut plain, beside, a);

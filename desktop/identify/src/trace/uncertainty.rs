@@ -18,7 +18,7 @@ use hrg_core::AXES;
 use hrg_data::numeric::stats::dot;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
-/// Step of a parameter for its derivative: a share of itself, or of the temperature span.
+/// Step of a parameter for its derivative: a share of itself, or of the span of temperature or of its quantity.
 const SHARE: f32 = 0.01;
 /// Smallest rest, as a share of the noise's variance of a 100 s mean's: an image that states its uncertainty states some.
 const LEAST: f64 = 1e-6;
@@ -27,11 +27,12 @@ const LEAST: f64 = 1e-6;
 pub type Refined = (usize, usize, f32);
 
 fn refined(data: &Data<'_>, terms: &[Term]) -> Vec<Refined> {
-    let (low, high) = data.temperature_range();
+    let extent = data.extent();
     let mut out = Vec::new();
     for (e, t) in terms.iter().enumerate().filter(|(_, t)| t.parts.len() == 1 && t.lead().on_unit()) {
         for (place, how) in card_of(t.lead().facts).refine.iter().enumerate() {
-            let of = if how.by_factor() { t.lead().parameters[place] } else { high - low };
+            let parameters = &t.lead().parameters;
+            let of = if how.by_factor() { parameters[place] } else { extent.width(*how, parameters) };
             out.push((e, place, SHARE * of));
         }
     }

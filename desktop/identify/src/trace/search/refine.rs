@@ -19,13 +19,11 @@ impl Search<'_> {
         if card.refine.is_empty() || self.candidates[state.groups[k]].len() > 1 {
             return state;
         }
-        let span = self.extent.span_c();
-        let range = self.extent.quantity(start.parameters[1] as u8).map_or(0.0, |[low, high]| high - low);
+        let span = |how: &Move| self.extent.width(*how, &start.parameters);
         let first_step = |(how, p): (&Move, f32)| match how {
             Move::Factor(share) => *share,
-            Move::Cycle => (0.25 * p / span).min(0.16),
-            Move::Place(share) => share * span,
-            Move::Level(share) => share * range,
+            Move::Cycle => (0.25 * p / span(how)).min(0.16),
+            Move::Place(share) | Move::Level(share) => share * span(how),
             Move::Block => self.data.block_s as f32,
             Move::Period => 0.3 * p * p / self.data.longest_s(),
         };

@@ -138,7 +138,7 @@ impl Search<'_> {
         basis
     }
 
-    /// Effects that rest on a recorded sensor and whose regressors the found effects (with the baseline) span but
+    /// Effects that rest on a recorded sensor, which no found effect reads, and whose regressors the found effects (with the baseline) span but
     /// for what a coarse sensor's own error may be: a tenth of their variance. Likelihood cannot be asked here: a
     /// regressor with noise of its own always loses against a clean one. Each with the found effect it is most
     /// alike.
@@ -148,8 +148,10 @@ impl Search<'_> {
         let mut out: Vec<(&'static str, usize)> = Vec::new();
         for k in RAMP + 1..self.candidates.len() {
             let facts = self.lead(k).facts;
-            let needs = facts.reach.needs().is_some() && self.card(k).kind == Kind::Simple;
-            let there = found.iter().any(|g| self.lead(*g).facts.id == facts.id);
+            let card = self.card(k);
+            let needs = facts.reach.needs().is_some() && card.kind == Kind::Simple && card.refine.is_empty();
+            let same = |of: &Candidate| of.facts.id == facts.id || of.reads().intersects(self.lead(k).reads());
+            let there = found.iter().any(|g| same(&self.lead(*g)));
             if !needs || there || out.iter().any(|(n, _)| *n == facts.name) {
                 continue;
             }
