@@ -9,6 +9,7 @@ use hrg_core::effects::{EffectId, Facts, ALL, MAX_PARAMETERS};
 use hrg_core::inputs::{self, QUANTITIES};
 use hrg_core::AXES;
 use serde::{Serialize, Serializer};
+use std::ops::RangeInclusive;
 
 /// Class of physics of an effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -305,11 +306,17 @@ fn swings_end(swing: Swing, x: &Extent) -> bool {
 fn bends(x: &Extent) -> Vec<ParameterRow> {
     // (Of an axis' quantities the first stands for all; the cases are as warm as the resonators.)
     let channels = [0, 1, 2, 5].into_iter().chain(11..QUANTITIES as u8);
-    let within = channels.filter_map(|channel| Some((f32::from(channel), x.quantity(channel)?)));
-    rows(within.flat_map(|(channel, [low, high])| {
-        let margin = 0.1 * (high - low);
-        even(low + margin, high - margin, 12).map(move |break_at| Bend { break_at, channel })
+    let ranges = channels.filter_map(|channel| Some((f32::from(channel), x.quantity(channel)?)));
+    rows(ranges.flat_map(|(channel, range)| {
+        let within = within(range);
+        even(*within.start(), *within.end(), 12).map(move |break_at| Bend { break_at, channel })
     }))
+}
+
+/// The places of a range but for a tenth at each end.
+fn within([low, high]: [f32; 2]) -> RangeInclusive<f32> {
+    let margin = 0.1 * (high - low);
+    low + margin..=high - margin
 }
 
 /// A grid for forms that one heating and one cooling do not tell from what happened once.
@@ -727,6 +734,11 @@ pub fn card(effect: EffectId) -> Card {
         },
         E::InputKink => Card {
             refine: &[Move::Level(0.02)],
+            // (Beyond the outer places a run has too little of either slope.)
+            possible: |row, x| {
+                let Bend { break_at, channel } = Bend::of(row);
+                x.quantity(channel as u8).is_some_and(|range| within(range).contains(&break_at))
+            },
             repeats: true,
             grid: bends,
             repair: Some(|p| {

@@ -287,21 +287,24 @@ impl<const N: usize> Sums<'_, N> {
     }
 }
 
-/// Advances an effect on an axis and gives the number of its regressors, which are then in `out`. `None` where a quantity that it needs has never come: it adds
-/// nothing there.
+/// Advances an effect on an axis and adds its bias there, on every axis if it belongs to none. An effect whose quantity has never come adds nothing.
 // One function for each effect: all of them in one would run short of registers.
 #[inline(never)]
-fn step_of<E: Effect>(effects: &mut [E; AXES], inputs: &Inputs<'_>, out: &mut [f32; MAX_OUTPUTS]) -> Option<usize> {
+fn step_of<E: Effect, const N: usize>(effects: &mut [E; AXES], inputs: &Inputs<'_>, sums: &mut Sums<'_, N>) {
     if !E::REACH.on_unit() {
         // `OnUnit::new` starts none of these; so the unit holds no code for them.
-        return None;
+        return;
     }
-    let x = effects.get_mut(inputs.axis)?.step(inputs);
+    let Some(effect) = effects.get_mut(inputs.axis) else { return };
+    let x = effect.step(inputs);
     if matches!(E::REACH, Reach::NeedsInput(_)) && x.missing() {
-        return None;
+        return;
     }
-    out.iter_mut().zip(x.each()).for_each(|(o, x)| *o = *x);
-    Some(E::Regressors::COUNT)
+    if E::COMMON {
+        (0..AXES).for_each(|axis| sums.add(axis, x.each()));
+    } else {
+        sums.add(inputs.axis, x.each());
+    }
 }
 
 mod bank;
@@ -429,21 +432,12 @@ macro_rules! effects {
                 sums: &mut Sums<'_, N>,
             ) {
                 let common = match self { $(Self::$name(_) => <$name as Effect>::COMMON),+ };
-                let (mut x, mut count) = ([0.0; MAX_OUTPUTS], None);
-                for axis in 0..AXES {
-                    if !common {
-                        count = None;
-                        if thermal.state(axis).is_none() {
-                            continue;
-                        }
+                for axis in 0..if common { 1 } else { AXES } {
+                    if !common && thermal.state(axis).is_none() {
+                        continue;
                     }
-                    if axis == 0 || !common {
-                        let inputs = Inputs { scaling, thermal, axis, quantities };
-                        count = match self { $(Self::$name(e) => step_of(e, &inputs, &mut x)),+ };
-                    }
-                    if let Some(regressors) = count.and_then(|n| x.get(..n)) {
-                        sums.add(axis, regressors);
-                    }
+                    let inputs = Inputs { scaling, thermal, axis, quantities };
+                    match self { $(Self::$name(e) => step_of(e, &inputs, sums)),+ }
                 }
             }
             /// Memory of an axis: [`Effect::memory`].
