@@ -14,9 +14,13 @@ fn traced(case: &str) -> (Generated, Report) {
 }
 
 fn whole(case: &str) -> (Generated, Trace) {
+    whole_of(case, 1)
+}
+
+fn whole_of(case: &str, seed: u64) -> (Generated, Trace) {
     let case = foreign_plant::cases().into_iter().find(|c| c.name == case).expect("a case of the plant");
-    let made = case.generate(1);
-    let folder = std::env::temp_dir().join(format!("hrg-foreign-{}-{}", case.name, std::process::id()));
+    let made = case.generate(seed);
+    let folder = std::env::temp_dir().join(format!("hrg-foreign-{}-{seed}-{}", case.name, std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
     let load = |r: &foreign_plant::recording::Recording, name: &str| {
         let path = folder.join(name);
@@ -40,7 +44,7 @@ fn left(made: &Generated, report: &Report) -> f64 {
 #[test]
 fn where_naming_does_not_reach_a_family_compensates() {
     // A lag whose time constant depends on the ramp is no effect of the library.
-    let (made, report) = traced("memory-tau-by-ramp");
+    let (made, Trace { report, .. }) = whole_of("memory-tau-by-ramp", 2);
     let before = report.baseline.values().map(|b| b.verify_rms_dph).fold(0.0, f64::max);
     let after = report.block.as_ref().expect("an image").values().map(|b| b.verify_rms_dph).fold(0.0, f64::max);
     assert!(report.burn && after < 0.5 * before, "{}", report.verdict);
@@ -81,8 +85,8 @@ fn contacts_that_switch_again_are_relays_and_not_events() {
 
 #[test]
 fn what_leaves_much_of_what_the_baseline_leaves_may_be_worse_on_another_profile() {
-    // A body that warms fast and cools slowly is no effect of the library: the image helps on the verify run, and lacks something on each.
-    let (_, report) = traced("memory-asymmetric");
+    // No effect of the library undoes a sensor that is late: the image helps on the verify run, and lacks something on each.
+    let (_, report) = traced("thermometer-late-sensor");
     assert!(!report.burn && report.judge.values().any(|j| j.uncertain_elsewhere), "{}", report.verdict);
     assert!(report.verdict.contains("the better one on another profile"), "{}", report.verdict);
     assert!(report.verdict.contains("Next: record a run with a third profile"), "{}", report.verdict);
