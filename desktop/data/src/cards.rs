@@ -276,12 +276,17 @@ fn loops(x: &Extent) -> Vec<ParameterRow> {
     rows(log((0.03 * x.span_c()).max(0.5), 0.75 * x.span_c(), 14).map(|width_c| Width { width_c }))
 }
 
+/// All pairs of two values that differ.
+fn unlike(values: impl Iterator<Item = f32>) -> Vec<(f32, f32)> {
+    let values: Vec<f32> = values.collect();
+    let pairs = values.iter().flat_map(|one| values.iter().map(move |other| (*one, *other)));
+    pairs.filter(|(one, other)| one != other).collect()
+}
+
 /// Pairs of unlike widths, of a loop in the cold and of the same one in the heat.
 fn unequal_loops(x: &Extent) -> Vec<ParameterRow> {
-    let widths: Vec<f32> = log((0.03 * x.span_c()).max(0.5), 0.75 * x.span_c(), 7).collect();
-    let pairs = widths.iter().flat_map(|cold| widths.iter().map(move |hot| (*cold, *hot)));
-    let unequal = pairs.filter(|(cold, hot)| cold != hot);
-    rows(unequal.map(|(width_cold_c, width_hot_c)| EndWidths { width_cold_c, width_hot_c }))
+    let pairs = unlike(log((0.03 * x.span_c()).max(0.5), 0.75 * x.span_c(), 7));
+    rows(pairs.into_iter().map(|(width_cold_c, width_hot_c)| EndWidths { width_cold_c, width_hot_c }))
 }
 
 /// Time constants of a lag.
@@ -291,10 +296,8 @@ fn delays(x: &Extent) -> impl Iterator<Item = f32> {
 
 /// Pairs of unlike time constants, of a lag that warms and of the same one that cools.
 fn unequal_times(x: &Extent) -> Vec<ParameterRow> {
-    let times: Vec<f32> = delays(x).collect();
-    let pairs = times.iter().flat_map(|warming| times.iter().map(move |cooling| (*warming, *cooling)));
-    let unequal = pairs.filter(|(warming, cooling)| warming != cooling);
-    rows(unequal.map(|(warming_tau_s, cooling_tau_s)| BothWays { warming_tau_s, cooling_tau_s }))
+    let pairs = unlike(delays(x));
+    rows(pairs.into_iter().map(|(warming_tau_s, cooling_tau_s)| BothWays { warming_tau_s, cooling_tau_s }))
 }
 
 /// `true` if a swing dies away within a run: three of its time constants.
@@ -304,8 +307,8 @@ fn swings_end(swing: Swing, x: &Extent) -> bool {
 
 /// Places within the ranges of the recorded quantities.
 fn bends(x: &Extent) -> Vec<ParameterRow> {
-    // (Of an axis' quantities the first stands for all; the cases are as warm as the resonators.)
-    let channels = [0, 1, 2, 5].into_iter().chain(11..QUANTITIES as u8);
+    // (Of an axis' quantities the first stands for all; a temperature bends where the resonators do, and they tell that better.)
+    let channels = [1, 2, 5].into_iter().chain(12..QUANTITIES as u8);
     let ranges = channels.filter_map(|channel| Some((f32::from(channel), x.quantity(channel)?)));
     rows(ranges.flat_map(|(channel, range)| {
         let within = within(range);

@@ -218,7 +218,7 @@ fn link(unit: &mut Unit) -> Result<Vec<Row>> {
     Ok(vec![
         own(
             "questions lost",
-            "of a hundred, there and back, or of three hundred, where one is late",
+            "there and back: a hundred, and each hundred that was asked again",
             String::new(),
             lost as f32,
             "",
@@ -227,7 +227,7 @@ fn link(unit: &mut Unit) -> Result<Vec<Row>> {
         own("frames broken", "that came from the unit meanwhile", String::new(), broken, "", [0.0, 0.0]),
         own(
             "slowest answer",
-            "of a hundred, this computer's own time included: asked three times, where one is late, the best of them",
+            "of a hundred, this computer's own time included; the best hundred, where they were asked again",
             String::new(),
             least_s * 1e3,
             "ms",

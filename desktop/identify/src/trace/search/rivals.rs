@@ -147,11 +147,11 @@ impl Search<'_> {
         let axes = self.data.axes_there() as f64;
         let mut out: Vec<(&'static str, usize)> = Vec::new();
         for k in RAMP + 1..self.candidates.len() {
-            let facts = self.lead(k).facts;
-            let card = self.card(k);
+            let (lead, card) = (self.lead(k), self.card(k));
+            let facts = lead.facts;
             let needs = facts.reach.needs().is_some() && card.kind == Kind::Simple && card.refine.is_empty();
-            let same = |of: &Candidate| of.facts.id == facts.id || of.reads().intersects(self.lead(k).reads());
-            let there = found.iter().any(|g| same(&self.lead(*g)));
+            let same = |of: Candidate| of.facts.id == facts.id || of.reads().intersects(lead.reads());
+            let there = found.iter().any(|g| same(self.lead(*g)));
             if !needs || there || out.iter().any(|(n, _)| *n == facts.name) {
                 continue;
             }
