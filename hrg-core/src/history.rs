@@ -59,6 +59,9 @@ const KNOWN: f32 = 0.05;
 /// Biases of the copies that are less apart than this, deg/h, count as one: a tenth of what docs/promises.md calls off.
 const NEGLIGIBLE_DPH: f32 = 0.01;
 
+/// Normalised temperature within which a product with it says nothing of its factor.
+const NEAR_MIDDLE: f32 = 0.02;
+
 /// While a thermometer is lost its temperature may change as fast as the calibration has seen, at least by this, C per minute.
 const USUAL_RAMP_C_PER_MIN: f32 = 1.0;
 
@@ -247,10 +250,23 @@ impl History {
             Span::Time(tau_s) if main.passes_zero() => libm::expf(-(TURN as f32) * MODEL_STEP_S / tau_s),
             _ => 0.0,
         };
-        for (((past, lost), bound), own) in past.iter_mut().zip(lost).zip(bounds_dph).zip(own_dph) {
+        for (k, ((past, lost), (bound, own))) in
+            past.iter_mut().zip(lost).zip(bounds_dph.into_iter().zip(own_dph)).enumerate()
+        {
             let Place::Apart(before, most, _) = *past else { continue };
             let least = left * before;
-            let (apart, own) = (bound.abs().max(least), own.abs().max(least));
+            let own = own.abs().max(least);
+            let apart = if main.times_temperature() {
+                // At the middle temperature they say nothing of what they are apart by elsewhere.
+                let (_, u) = calibration.scaling.u_and_inside(thermal.axes[k].state.temperature_c);
+                if u.abs() > NEAR_MIDDLE {
+                    (bound / u).abs()
+                } else {
+                    before
+                }
+            } else {
+                bound.abs().max(least)
+            };
             // While a thermometer is lost they part anew.
             let parting = lost || any_lost;
             let most = if apart > most || parting { apart } else { most };
@@ -690,6 +706,33 @@ mod tests {
             // (The bound of the lag begins with the temperatures that it may have had: it is known a little earlier than its slowest part says.)
             let times = until as f32 / tau_s;
             assert!((2.9..3.2).contains(&times), "{}: {times} time constants", effect.name());
+        }
+    }
+
+    #[test]
+    fn a_product_with_temperature_stays_unknown_where_it_passes_zero() {
+        let all = [
+            (EffectId::LagLadderByTemperature, [60.0, 3000.0]),
+            (EffectId::PlayLadderByTemperature, [1.0, 60.0]),
+            (EffectId::PowerOnLadderByTemperature, [120.0, 3000.0]),
+        ];
+        for (effect, parameters) in all {
+            let image = calibration(&[(effect, parameters, 0.1)], &[1]);
+            let scaling = image.scaling;
+            // The truth: a unit that has run for long. The other one is switched on in the same ramp, and soon passes the middle.
+            let mut truth = Compensator::new(image.clone(), 0.0);
+            run(&mut truth, 0..15_000);
+            let mut cold = Compensator::new(image, 0.0);
+            let (truth, cold) = (run(&mut truth, 15_000..24_000), run(&mut cold, 15_000..24_000));
+            let u = |o: &Output| scaling.u_and_inside(o.temperature_c[1]).1;
+            let passed = cold.windows(2).position(|w| u(&w[0]) * u(&w[1]) <= 0.0).expect("it passes the middle");
+            let flagged = |o: &Output| o.status[1].contains(AxisStatus::HISTORY_UNKNOWN);
+            assert!(cold[..=passed + 300].iter().all(flagged), "{}: flagged before and behind it", effect.name());
+            for (k, (truth, cold)) in truth.iter().zip(&cold).enumerate().skip(passed + 100) {
+                let off = (truth.bias_dph[1] - cold.bias_dph[1]).abs();
+                let most = 3.5 * cold.bias_std_dph[1] + 2.0 * NEGLIGIBLE_DPH;
+                assert!(off < most, "{}: {k} s: {off} of {most}", effect.name());
+            }
         }
     }
 

@@ -2,8 +2,8 @@
 
 use crate::recording::steps::Run;
 use hrg_core::effects::parameters::{
-    Arrhenius, Bend, BothWays, Breakpoint, Channel, Cycle, EndWidths, Lag, Onset, Parameters, Pulse, Ramp, RampRange,
-    Rise, Source, Swing, Tau, Taus, TemperatureRange, Thresholds, Until, Width, Widths,
+    Arrhenius, Band, Bend, BothWays, Breakpoint, Channel, Cycle, EndWidths, Lag, Onset, Parameters, Pulse, Ramp,
+    RampRange, Rise, Source, Swing, Tau, Taus, TemperatureRange, Thresholds, Until, Width, Widths,
 };
 use hrg_core::effects::{EffectId, Facts, ALL, MAX_PARAMETERS};
 use hrg_core::inputs::{self, QUANTITIES};
@@ -341,6 +341,17 @@ fn knots_apart(x: &Extent) -> f32 {
     x.span_c() / (EffectId::TemperatureSpline.facts().outputs - 1) as f32
 }
 
+/// Middles and widths of what the spline does not follow.
+fn places(x: &Extent) -> impl Iterator<Item = (f32, f32)> {
+    let apart = knots_apart(x);
+    even(x.low_c + apart, x.high_c - apart, 23).map(move |middle_c| (middle_c, apart))
+}
+
+/// `true` for a width that the spline does not follow, and that a run shows.
+fn sharper_than_the_spline(width_c: f32, x: &Extent) -> bool {
+    (narrowest(x)..=2.0 * knots_apart(x)).contains(&width_c)
+}
+
 /// Periods of a ripple, evenly in the number of ripples over the span.
 fn ripples(x: &Extent) -> Vec<ParameterRow> {
     let most = (2.0 * x.span_c() / 3.0) as usize;
@@ -438,16 +449,9 @@ pub fn card(effect: EffectId) -> Card {
         },
         E::TemperatureStep => Card {
             refine: &[Move::Place(0.02), Move::Factor(0.3)],
-            possible: |row, x| {
-                let width_c = Rise::of(row).width_c;
-                width_c >= narrowest(x) && width_c <= 2.0 * knots_apart(x)
-            },
+            possible: |row, x| sharper_than_the_spline(Rise::of(row).width_c, x),
             repeats: true,
-            grid: |x| {
-                let apart = knots_apart(x);
-                let places = even(x.low_c + apart, x.high_c - apart, 23);
-                rows(places.map(|middle_c| Rise { middle_c, width_c: apart }))
-            },
+            grid: |x| rows(places(x).map(|(middle_c, width_c)| Rise { middle_c, width_c })),
             generator: of([15.0, 5.0]),
             ..Card::of(Shape, Simple, "the bias goes from one level to another over a few degrees")
         },
@@ -630,6 +634,14 @@ pub fn card(effect: EffectId) -> Card {
         },
         E::RampByShape => Card::of(Rate, Family, "the effect of the ramp changes along the temperature"),
         E::HeatingByShape => Card::of(Rate, Family, "the effect of heating changes along the temperature"),
+        E::RampBand => Card {
+            refine: &[Move::Place(0.02), Move::Factor(0.3)],
+            possible: |row, x| sharper_than_the_spline(Band::of(row).width_c, x),
+            repeats: true,
+            grid: |x| where_path_repeats(x, |x| rows(places(x).map(|(middle_c, width_c)| Band { middle_c, width_c }))),
+            generator: of([15.0, 6.0]),
+            ..Card::of(Rate, Searched, "within some degrees the bias follows the ramp otherwise")
+        },
         E::WarmUp => Card {
             repeats: true,
             refine: &[SCALE],

@@ -2,7 +2,7 @@
 
 use super::plant::Plant;
 use hrg_core::bias::{regressors, Scaling, TERMS};
-use hrg_core::effects::{EffectId, Inputs, Reach, Running, ALL, MAX_PARAMETERS};
+use hrg_core::effects::{shape, EffectId, Inputs, Reach, Running, ALL, MAX_PARAMETERS};
 use hrg_core::inputs::Quantities;
 use hrg_data::cards;
 use hrg_data::cards::card;
@@ -172,6 +172,12 @@ impl EffectSpec {
             let value = item.split_once('=').and_then(|(k, v)| v.parse::<f64>().ok().map(|v| (k, v)));
             let place = value.and_then(|(key, v)| names.iter().position(|n| *n == key).map(|at| (at, v)));
             match (value, place) {
+                (Some((key, v)), _) if !v.is_finite() => {
+                    return Err(BadInput::new(format!("effect {name}: {key} is {v}; give a number")));
+                }
+                (_, Some((at, v))) if must_be_positive(source, at) && v <= 0.0 => {
+                    return Err(BadInput::new(format!("effect {name}: {} is {v}; give a number above 0", names[at])));
+                }
                 (Some(("size", v)), _) => spec.size = v,
                 (_, Some((at, v))) => spec.parameters[at] = v,
                 _ => {
@@ -206,6 +212,14 @@ impl EffectSpec {
             parameters[0] = rng.random_range(low..high);
         }
         Self { source, parameters, size }
+    }
+}
+
+/// `true` for an inner parameter that is a time, a width, a period or a ramp.
+fn must_be_positive(source: Source, at: usize) -> bool {
+    match source {
+        Source::Library(effect) => shape(effect.facts().id).is_some_and(|s| s.positive[at]),
+        Source::Unmodelled(_) => false,
     }
 }
 
@@ -274,6 +288,16 @@ mod tests {
     fn each_parameter_is_set_by_its_name() {
         let s = EffectSpec::parse("relay:off_c=-5,size=3").expect("known");
         assert_eq!((s.parameters, s.size), ([30.0, -5.0], 3.0));
+        for (text, told) in [
+            ("warm-up:tau_s=-5", "tau_s is -5; give a number above 0"),
+            ("widening-play:width_hot_c=0", "width_hot_c is 0; give a number above 0"),
+            ("kink:break_c=inf", "break_c is inf; give a number"),
+            ("kink:size=NaN", "size is NaN; give a number"),
+        ] {
+            let refused = EffectSpec::parse(text).expect_err("refused").0;
+            assert!(refused.contains(told), "{text}: {refused}");
+        }
+        assert!(EffectSpec::parse("kink:break_c=-5").is_ok(), "a temperature may be below zero");
         assert!(EffectSpec::parse("relay:width_c=1").expect_err("refused").0.contains("on_c=..., off_c=..."));
     }
 }

@@ -15,6 +15,7 @@ impl Effect for LagLadderByTemperature {
     const NAME: &'static str = "lag-ladder-by-temperature";
     const ID: u16 = 20;
     const REACH: Reach = Reach::Unit;
+    const TIMES_TEMPERATURE: bool = true;
 
     type Parameters = Taus;
     type Regressors = [f32; RUNGS];

@@ -141,9 +141,11 @@ pub trait Effect: Sized {
     const NEIGHBOURS: bool = false;
     /// `true` if its regressors are the weights of the knots of a curve of the quantity that it remembers.
     const CURVE: bool = false;
-    /// `true` if its regressors pass zero while it still remembers: it swings, or they are products with the temperature. What it remembers dies away by the
+    /// `true` if its regressors pass zero while it still remembers: it swings, or settles by temperature. What it remembers dies away by the
     /// time of its [`span`](Self::span).
     const PASSES_ZERO: bool = false;
+    /// `true` if all of its regressors are products with normalised temperature.
+    const TIMES_TEMPERATURE: bool = false;
     /// The inner parameters.
     type Parameters: Parameters;
     /// The regressors of an axis: an array of as many as there are.
@@ -465,6 +467,11 @@ macro_rules! effects {
             pub const fn passes_zero(&self) -> bool {
                 match self { $(Self::$name(_) => <$name as Effect>::PASSES_ZERO),+ }
             }
+            /// `true` if its regressors are products with normalised temperature: [`Effect::TIMES_TEMPERATURE`].
+            #[must_use]
+            pub const fn times_temperature(&self) -> bool {
+                match self { $(Self::$name(_) => <$name as Effect>::TIMES_TEMPERATURE),+ }
+            }
             /// `true` if its regressors are the weights of a curve's knots: [`Effect::CURVE`].
             #[must_use]
             pub const fn is_curve(&self) -> bool {
@@ -527,6 +534,7 @@ effects! {
     warm_up_by_temperature::{WarmUpByTemperature},
     damped_oscillation::{DampedOscillation},
     input_kink::{InputKink},
+    ramp_band::{RampBand},
 }
 
 impl EffectId {
@@ -791,6 +799,19 @@ mod tests {
                 assert!((got - want * round.powf(turns)).abs() < 1e-5, "{got} at {turns}");
             }
         }
+    }
+
+    #[test]
+    fn a_ramp_band_is_the_slope_of_a_swing() {
+        let mut e = Running::new(EffectId::RampBand.facts().id, &[20.0, 5.0], 1.0).expect("in the list");
+        let mut at = |t: f32, ramp: f32| with_inputs(t, ramp, 0.0, |i| e.step(i))[..2].to_vec();
+        assert_eq!(at(20.0, -0.5), [-0.5, 0.0], "as it is in the middle, and nothing of it is heating");
+        let swing = |t: f32| (t - 20.0) / 5.0 * (-0.5 * ((t - 20.0) / 5.0).powi(2)).exp();
+        for t in [12.0, 18.0, 22.0, 25.0, 31.0] {
+            let slope = 5.0 * (swing(t + 0.01) - swing(t - 0.01)) / 0.02;
+            assert!(at(t, 1.0).iter().all(|x| (x - slope).abs() < 1e-3), "{t}: {slope}");
+        }
+        assert!(at(80.0, 1.0).iter().all(|x| x.abs() < 1e-10), "far off there is none");
     }
 
     #[test]

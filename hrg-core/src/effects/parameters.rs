@@ -106,6 +106,8 @@ parameters! {
     Breakpoint { break_c: false, "Temperature of the change, C." }
     /// A rise from one level to another.
     Rise { middle_c: false, "Middle of the rise, C."; width_c: true, "Width of the rise, C." }
+    /// A band of temperature.
+    Band { middle_c: false, "Its middle, C."; width_c: true, "From the middle to where a bell over it has fallen to 0.61, C." }
     /// A relay.
     Thresholds { on_c: false, "Temperature above which it is on, C."; off_c: false, "Temperature below which it is off, C." }
     /// A period of temperature.

@@ -15,6 +15,7 @@ impl Effect for PlayLadderByTemperature {
     const NAME: &'static str = "play-ladder-by-temperature";
     const ID: u16 = 44;
     const REACH: Reach = Reach::Unit;
+    const TIMES_TEMPERATURE: bool = true;
     const REMEMBERS_PATH: bool = true;
 
     type Parameters = Widths;

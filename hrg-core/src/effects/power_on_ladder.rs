@@ -46,6 +46,7 @@ impl Effect for PowerOnLadderByTemperature {
     const NAME: &'static str = "power-on-ladder-by-temperature";
     const ID: u16 = 34;
     const REACH: Reach = Reach::Unit;
+    const TIMES_TEMPERATURE: bool = true;
 
     type Parameters = Taus;
     type Regressors = [f32; RUNGS];

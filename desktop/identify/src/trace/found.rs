@@ -10,13 +10,16 @@ use super::search::{Rival, Search};
 use super::stated::Stated;
 use super::user_effects::card_of;
 use super::{image, Candidate, Learnt};
-use hrg_core::effects::Reach;
+use hrg_core::effects::parameters::{Bend, Parameters};
+use hrg_core::effects::{EffectId, Reach};
+use hrg_core::inputs::of_axis;
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::cards::Kind;
 use hrg_data::error::BadInput;
+use hrg_data::numeric::stats::std_dev;
 use hrg_data::recording::names_of;
-use hrg_data::recording::steps::Run;
+use hrg_data::recording::steps::{input_table, Run};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The run on which effects are confirmed.
@@ -38,6 +41,7 @@ impl OnVerify<'_> {
         whole: &Prediction,
     ) -> Result<Vec<Found>, BadInput> {
         let alike = search.alike(&learnt.model);
+        let columns = [0, 1, 2].map(|a: usize| fitted.model.columns(self.data, a).values);
         let mut out = Vec::new();
         for (k, term) in fitted.terms().iter().enumerate() {
             let c = term.lead();
@@ -73,7 +77,7 @@ impl OnVerify<'_> {
                 class,
                 parameters: on_clock_of(self.run_of(c), c.facts, &c.parameters),
                 parameter_std: parameter_std(c, k, stated),
-                axes: gains_by_axis(fitted, k),
+                axes: gains_by_axis(self.data, fitted, k, &columns),
                 confirmed: (self.known)(c).then(|| {
                     let each: Vec<((), Agreement)> = on_verify.values().map(|a| ((), *a)).collect();
                     !borne_out(&each).is_empty() && !on_verify.values().any(Agreement::loses)
@@ -115,13 +119,27 @@ fn parameter_std(c: &Candidate, k: usize, stated: &[Option<Stated>; AXES]) -> BT
     each.filter(|(_, v)| v.is_finite()).map(|(n, v)| ((*n).to_string(), v)).collect()
 }
 
-fn gains_by_axis(fitted: &Fitted, k: usize) -> ByAxis<Gain> {
+/// The gains of effect `k`. `columns`: those of the model on each axis.
+fn gains_by_axis(data: &Data<'_>, fitted: &Fitted, k: usize, columns: &[Vec<Vec<f64>>; AXES]) -> ByAxis<Gain> {
     (0..AXES)
         .filter_map(|a| {
             let range = fitted.gains(k, a)?;
             let fit = &fitted.axes[a];
-            let gains = fit.coefficients[range.clone()].to_vec();
-            Some((AXIS_NAMES[a].to_string(), Gain { gain: gains[0], gain_std: fit.std[range.start], gains }))
+            let [gains, gains_std] = [&fit.coefficients, &fit.std].map(|v| v[range.clone()].to_vec());
+            let columns = &columns[a][range];
+            let does = |row| columns.iter().zip(&gains).map(|(x, g)| g * x[row]).sum();
+            let size_dph = std_dev(&(0..data.axes[a].y.len()).map(does).collect::<Vec<f64>>());
+            let break_value = break_value(data, fitted.terms()[k].lead(), a);
+            let gain = Gain { gain: gains[0], gain_std: gains_std[0], gains, gains_std, size_dph, break_value };
+            Some((AXIS_NAMES[a].to_string(), gain))
         })
         .collect()
+}
+
+/// The value of a recorded quantity at which its slope changes, in its unit.
+fn break_value(data: &Data<'_>, c: &Candidate, a: usize) -> Option<f64> {
+    let bend = (c.facts.effect == EffectId::InputKink).then(|| Bend::of(&c.parameters))?;
+    let number = of_axis(bend.channel as u8, a);
+    let input = input_table(data.runs).into_iter().find(|i| i.quantity == number)?;
+    Some(f64::from(input.reference + input.scale * bend.break_at))
 }

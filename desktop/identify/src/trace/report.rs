@@ -10,7 +10,7 @@ use hrg_core::inputs::{self, Input};
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::cards::{columns_of, Class};
-use hrg_data::recording::Recording;
+use hrg_data::recording::{columns, Recording};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -73,7 +73,17 @@ pub struct Gain {
     pub gain_std: f64,
     /// Of every regressor.
     pub gains: Vec<f64>,
+    /// Their standard deviations.
+    pub gains_std: Vec<f64>,
+    /// Standard deviation of what the effect does to the means of the train runs, deg/h.
+    pub size_dph: f64,
+    /// Value of the recorded quantity at which its slope changes, in its unit; only of an effect that has one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub break_value: Option<f64>,
 }
+
+/// Gains that are told one by one; of more, their number.
+const GAINS_TOLD: usize = 3;
 
 /// One entry of the ranking.
 #[derive(Debug, Clone, Serialize)]
@@ -210,6 +220,22 @@ impl Found {
     #[must_use]
     pub fn label(&self) -> String {
         self.column().map_or_else(|| self.name.clone(), |column| format!("{} of {column}", self.name))
+    }
+
+    /// Size and gains on an axis in words.
+    #[must_use]
+    pub fn gain_text(&self, of: &Gain) -> String {
+        let each: Vec<String> =
+            of.gains.iter().zip(&of.gains_std).map(|(g, std)| format!("{g:.4} +- {std:.4}")).collect();
+        let gains = match each.len() {
+            1 => format!("gain {}", each[0]),
+            n if n <= GAINS_TOLD => format!("gains {}", each.join(", ")),
+            n => format!("{n} gains"),
+        };
+        // (Any axis' column has the unit of all.)
+        let unit = self.column().and_then(|c| columns::find(&c.replace('?', "x"))).map_or("", |(c, _)| c.unit);
+        let at = of.break_value.map(|v| format!("its slope changes at {} {unit}; ", three_digits(v)));
+        format!("{:.3} deg/h on the train runs; {}{gains}", of.size_dph, at.unwrap_or_default())
     }
 
     /// The inner parameters in words, with 95 % intervals where they were refined.

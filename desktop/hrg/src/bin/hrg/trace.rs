@@ -224,7 +224,7 @@ fn print_trace(r: &trace::Report) {
     );
     println!("{}", in_unit(&legend, &r.rate_unit));
     for e in &r.effects {
-        print_effect(e);
+        print_effect(e, &r.rate_unit);
     }
     if !(r.advice.is_empty() && r.notes.is_empty()) {
         println!();
@@ -234,19 +234,16 @@ fn print_trace(r: &trace::Report) {
     }
 }
 
-fn print_effect(e: &trace::report::Found) {
+fn print_effect(e: &trace::report::Found, rate_unit: &str) {
     println!();
     let parameters = e.parameters_text();
     let gap = if parameters.is_empty() { "" } else { " " };
     println!("{}{gap}{parameters} ({}; {})", e.label(), e.class.name(), e.reach);
     for (n, gain) in &e.axes {
         let share = e.on_verify.get(n).map_or(String::new(), |v| {
-            format!(
-                "; on the verify run {:.2} +- {:.2} times this gain, log score {:.1}",
-                v.share, v.share_std, v.log_score
-            )
+            format!("; on the verify run {:.2} +- {:.2} times this, log score {:.1}", v.share, v.share_std, v.log_score)
         });
-        println!("  {n}  gain {:.4} +- {:.4}{share}", gain.gain, gain.gain_std);
+        println!("  {n}  {}{share}", in_unit(&e.gain_text(gain), rate_unit));
     }
     println!("  {:<22} {:>9} {:>9} {:>9} {:>10}", "candidate", "log prior", "evidence", "score", "less error");
     for k in &e.rank {
