@@ -277,12 +277,13 @@ fn ranking(t: &Trace) -> anyhow::Result<String> {
             if e.reach == "unit" { "compensated by the unit".to_string() } else { escape(&e.reach) }
         );
         s += &page::pictures(&shapes)?;
-        s += "<div class=wide><table><tr><th>axis</th><th>size and gains</th><th>share of it on the verify run</th></tr>";
+        s += "<div class=wide><table><tr><th>axis</th><th>size, train runs (deg/h)</th><th>gains</th><th>share of it on the verify run</th></tr>";
         for (n, g) in &e.axes {
             let share =
                 e.on_verify.get(n).map_or("-".to_string(), |v| format!("{:.2} &plusmn; {:.2}", v.share, v.share_std));
-            let _ =
-                write!(s, "<tr><td>{n}</td><td>{}</td><td>{share}</td></tr>", e.gain_text(g).replace("+-", "&plusmn;"));
+            let at = e.break_text(g).map_or(String::new(), |v| format!("slope changes at {v}; "));
+            let gains = format!("{at}{}", g.gains_text()).replace("+-", "&plusmn;");
+            let _ = write!(s, "<tr><td>{n}</td><td>{:.3}</td><td>{gains}</td><td>{share}</td></tr>", g.size_dph);
         }
         s += "</table></div><div class=wide><table><tr><th>candidate for this place</th><th>log prior odds</th><th>log evidence</th><th>score</th><th>less cross-validated error</th></tr>";
         for k in &e.rank {

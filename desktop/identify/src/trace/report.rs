@@ -85,6 +85,20 @@ pub struct Gain {
 /// Gains that are told one by one; of more, their number.
 const GAINS_TOLD: usize = 3;
 
+impl Gain {
+    /// The gains in words.
+    #[must_use]
+    pub fn gains_text(&self) -> String {
+        let each: Vec<String> =
+            self.gains.iter().zip(&self.gains_std).map(|(g, std)| format!("{g:.4} +- {std:.4}")).collect();
+        match each.len() {
+            1 => format!("gain {}", each[0]),
+            n if n <= GAINS_TOLD => format!("gains {}", each.join(", ")),
+            n => format!("{n} gains"),
+        }
+    }
+}
+
 /// One entry of the ranking.
 #[derive(Debug, Clone, Serialize)]
 pub struct Ranked {
@@ -222,20 +236,19 @@ impl Found {
         self.column().map_or_else(|| self.name.clone(), |column| format!("{} of {column}", self.name))
     }
 
-    /// Size and gains on an axis in words.
+    /// Size, gains and a change of slope on an axis in words.
     #[must_use]
     pub fn gain_text(&self, of: &Gain) -> String {
-        let each: Vec<String> =
-            of.gains.iter().zip(&of.gains_std).map(|(g, std)| format!("{g:.4} +- {std:.4}")).collect();
-        let gains = match each.len() {
-            1 => format!("gain {}", each[0]),
-            n if n <= GAINS_TOLD => format!("gains {}", each.join(", ")),
-            n => format!("{n} gains"),
-        };
+        let at = self.break_text(of).map_or(String::new(), |v| format!("its slope changes at {v}; "));
+        format!("{:.3} deg/h on the train runs; {at}{}", of.size_dph, of.gains_text())
+    }
+
+    /// The value at which the slope changes, with its unit.
+    #[must_use]
+    pub fn break_text(&self, of: &Gain) -> Option<String> {
         // (Any axis' column has the unit of all.)
         let unit = self.column().and_then(|c| columns::find(&c.replace('?', "x"))).map_or("", |(c, _)| c.unit);
-        let at = of.break_value.map(|v| format!("its slope changes at {} {unit}; ", three_digits(v)));
-        format!("{:.3} deg/h on the train runs; {}{gains}", of.size_dph, at.unwrap_or_default())
+        of.break_value.map(|v| format!("{} {unit}", three_digits(v)))
     }
 
     /// The inner parameters in words, with 95 % intervals where they were refined.
