@@ -250,15 +250,14 @@ impl History {
             Span::Time(tau_s) if main.passes_zero() => libm::expf(-(TURN as f32) * MODEL_STEP_S / tau_s),
             _ => 0.0,
         };
-        for (k, ((past, lost), (bound, own))) in
-            past.iter_mut().zip(lost).zip(bounds_dph.into_iter().zip(own_dph)).enumerate()
-        {
+        let each = past.iter_mut().zip(lost).zip(&thermal.axes).zip(bounds_dph.into_iter().zip(own_dph));
+        for (((past, lost), axis), (bound, own)) in each {
             let Place::Apart(before, most, _) = *past else { continue };
             let least = left * before;
             let own = own.abs().max(least);
             let apart = if main.times_temperature() {
                 // At the middle temperature they say nothing of what they are apart by elsewhere.
-                let (_, u) = calibration.scaling.u_and_inside(thermal.axes[k].state.temperature_c);
+                let (_, u) = calibration.scaling.u_and_inside(axis.state.temperature_c);
                 if u.abs() > NEAR_MIDDLE {
                     (bound / u).abs()
                 } else {
