@@ -221,7 +221,7 @@ impl History {
                     low.soak_at(k, range.valid_from_c, &lowest);
                     high.soak_at(k, range.valid_to_c, &highest);
                     let sizes = || term.gains[k].iter().map(|g| g.abs()).sum();
-                    let begins = if main.passes_zero() { sizes() } else { 0.0 };
+                    let begins = if main.passes_zero() || main.times_temperature() { sizes() } else { 0.0 };
                     *past = Place::Apart(begins, begins, 0.0);
                 }
                 Place::Known if known && (lost[k] || any_lost) => {
@@ -255,21 +255,22 @@ impl History {
             let Place::Apart(before, most, _) = *past else { continue };
             let least = left * before;
             let own = own.abs().max(least);
-            let apart = if main.times_temperature() {
-                // At the middle temperature they say nothing of what they are apart by elsewhere.
-                let (_, u) = calibration.scaling.u_and_inside(axis.state.temperature_c);
-                if u.abs() > NEAR_MIDDLE {
-                    (bound / u).abs()
-                } else {
-                    before
-                }
-            } else {
-                bound.abs().max(least)
+            let (_, u) = calibration.scaling.u_and_inside(axis.state.temperature_c);
+            // At the middle temperature a product with temperature says nothing of what they are apart by elsewhere.
+            let tells = !main.times_temperature() || u.abs() > NEAR_MIDDLE;
+            let apart = match (main.times_temperature(), tells) {
+                (false, _) => bound.abs().max(least),
+                (true, true) => (bound / u).abs(),
+                (true, false) => bound.abs().max(before),
             };
             // While a thermometer is lost they part anew.
             let parting = lost || any_lost;
             let most = if apart > most || parting { apart } else { most };
-            *past = if apart <= NEGLIGIBLE_DPH && !parting { Place::Known } else { Place::Apart(apart, most, own) };
+            *past = if tells && apart <= NEGLIGIBLE_DPH && !parting {
+                Place::Known
+            } else {
+                Place::Apart(apart, most, own)
+            };
         }
     }
 }
@@ -718,19 +719,28 @@ mod tests {
         for (effect, parameters) in all {
             let image = calibration(&[(effect, parameters, 0.1)], &[1]);
             let scaling = image.scaling;
-            // The truth: a unit that has run for long. The other one is switched on in the same ramp, and soon passes the middle.
+            // The truth: a unit that has run for long. Another one is switched on in the same ramp, and soon passes the middle; a third one
+            // at the middle.
             let mut truth = Compensator::new(image.clone(), 0.0);
             run(&mut truth, 0..15_000);
-            let mut cold = Compensator::new(image, 0.0);
-            let (truth, cold) = (run(&mut truth, 15_000..24_000), run(&mut cold, 15_000..24_000));
+            let truth = run(&mut truth, 15_000..24_000);
             let u = |o: &Output| scaling.u_and_inside(o.temperature_c[1]).1;
-            let passed = cold.windows(2).position(|w| u(&w[0]) * u(&w[1]) <= 0.0).expect("it passes the middle");
-            let flagged = |o: &Output| o.status[1].contains(AxisStatus::HISTORY_UNKNOWN);
-            assert!(cold[..=passed + 300].iter().all(flagged), "{}: flagged before and behind it", effect.name());
-            for (k, (truth, cold)) in truth.iter().zip(&cold).enumerate().skip(passed + 100) {
-                let off = (truth.bias_dph[1] - cold.bias_dph[1]).abs();
-                let most = 3.5 * cold.bias_std_dph[1] + 2.0 * NEGLIGIBLE_DPH;
-                assert!(off < most, "{}: {k} s: {off} of {most}", effect.name());
+            let passed = truth.windows(2).position(|w| u(&w[0]) * u(&w[1]) <= 0.0).expect("it passes the middle");
+            for begin in [0, passed] {
+                let mut late = Compensator::new(image.clone(), 0.0);
+                let late = run(&mut late, 15_000 + begin as u32..24_000);
+                let flagged = |o: &Output| o.status[1].contains(AxisStatus::HISTORY_UNKNOWN);
+                let behind = passed + 300 - begin;
+                assert!(
+                    late[..=behind].iter().all(flagged),
+                    "{} from {begin}: flagged before and behind it",
+                    effect.name()
+                );
+                for (k, (truth, late)) in truth[begin..].iter().zip(&late).enumerate().skip(100) {
+                    let off = (truth.bias_dph[1] - late.bias_dph[1]).abs();
+                    let most = 3.5 * late.bias_std_dph[1] + 2.0 * NEGLIGIBLE_DPH;
+                    assert!(off < most, "{} from {begin}: {k} s: {off} of {most}", effect.name());
+                }
             }
         }
     }
