@@ -7,7 +7,7 @@
 //! The *stated* uncertainty for want of a past is that of a unit that stood at one temperature for long, any of these alike: their
 //! distance times the deviation of a uniform distribution. Another past may stir up one time constant of a ladder and not the next; it is
 //! bounded by the distance with the gains by their sizes. That bound decays with the effect's own time constants, and a play knows its
-//! place as soon as the temperature has swept its width. Until 5 % of the bound is left (three time constants), or 0.01 deg/h, the axis is
+//! place as soon as the temperature has swept its width; of a product with temperature it is taken over that factor. Until 5 % of the bound is left (three time constants), or 0.01 deg/h, the axis is
 //! flagged [`crate::status::AxisStatus::HISTORY_UNKNOWN`]; what is unknown is in the stated uncertainty until the bound is 0.01 deg/h.
 //!
 //! The same holds after a thermometer was lost for longer than [`HOLD_S`]: meanwhile the copies run with the coldest and the hottest
@@ -255,14 +255,11 @@ impl History {
             let Place::Apart(before, most, _) = *past else { continue };
             let least = left * before;
             let own = own.abs().max(least);
-            let (_, u) = calibration.scaling.u_and_inside(axis.state.temperature_c);
             // At the middle temperature a product with temperature says nothing of what they are apart by elsewhere.
-            let tells = !main.times_temperature() || u.abs() > NEAR_MIDDLE;
-            let apart = match (main.times_temperature(), tells) {
-                (false, _) => bound.abs().max(least),
-                (true, true) => (bound / u).abs(),
-                (true, false) => bound.abs().max(before),
-            };
+            let (_, u) = calibration.scaling.u_and_inside(axis.state.temperature_c);
+            let share = if main.times_temperature() { u.abs() } else { 1.0 };
+            let tells = share > NEAR_MIDDLE;
+            let apart = if tells { (bound.abs() / share).max(least) } else { bound.abs().max(before) };
             // While a thermometer is lost they part anew.
             let parting = lost || any_lost;
             let most = if apart > most || parting { apart } else { most };
