@@ -40,9 +40,9 @@ pub struct Agreement {
 }
 
 impl Agreement {
-    /// `true` where the run is more probable under the larger model, and the error falls by more than chance.
+    /// `true` where the run is more probable under the larger model, and the error falls.
     fn speaks_for(&self) -> bool {
-        self.log_score > 0.0 && self.wins()
+        self.log_score > 0.0 && self.mse_fall > 0.0
     }
 
     /// `true` where the error falls by more than chance.
@@ -66,10 +66,15 @@ impl Agreement {
 }
 
 /// Axes on which a run bears the larger model out: those that speak for it, if the axes together are more probable under it by the odds at
-/// which an effect is named. (A model that holds on one axis is more probable on the next.)
+/// which an effect is named, and the error of one of them falls by more than chance. (A model that holds on one axis is more probable on the next.)
 pub fn borne_out<K: Copy>(each: &[(K, Agreement)]) -> Vec<K> {
-    let together: f64 = each.iter().map(|(_, a)| a.log_score.max(0.0)).sum();
-    each.iter().filter(|(_, a)| together > THRESHOLD && a.speaks_for()).map(|(k, _)| *k).collect()
+    let gain: Vec<_> = each.iter().filter(|(_, a)| a.speaks_for()).collect();
+    let together: f64 = gain.iter().map(|(_, a)| a.log_score).sum();
+    if together > THRESHOLD && gain.iter().any(|(_, a)| a.wins()) {
+        gain.iter().map(|(k, _)| *k).collect()
+    } else {
+        Vec::new()
+    }
 }
 
 /// Mean square of what something leaves of a run beyond the noise.
@@ -310,6 +315,22 @@ fn sum(columns: &[Vec<f64>], gains: &[f64], n: usize) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_axis_that_gains_is_borne_out_where_another_one_gains_by_more_than_chance() {
+        let of = |log_score: f64, deviations: f64| Agreement {
+            log_score,
+            mse_fall: deviations,
+            mse_fall_std: 1.0,
+            ..Agreement::default()
+        };
+        let on = |each: &[Agreement]| borne_out(&each.iter().copied().enumerate().collect::<Vec<_>>());
+        assert_eq!(on(&[of(3.0, 4.0), of(2.0, 1.0), of(0.5, -0.1)]), [0, 1]);
+        // Less probable, or of less than the odds together, or by no more than chance on any.
+        assert_eq!(on(&[of(9.0, 4.0), of(-0.1, 4.0)]), [0]);
+        assert_eq!(on(&[of(3.0, 4.0), of(1.0, 4.0), of(-9.0, 4.0)]), [0; 0]);
+        assert_eq!(on(&[of(9.0, 2.3), of(9.0, 2.3)]), [0; 0]);
+    }
 
     #[test]
     fn what_a_misfit_is_elsewhere_is_known_by_how_it_swings() {
