@@ -8,6 +8,8 @@ use crate::rate_factors::{RateAxis, MOST_PPM};
 
 /// Any coefficient beyond this is not one of a gyro (deg/h, C, Hz and their ratios).
 const ABSURD: f32 = 1e7;
+/// Any variance of a bias beyond this is not one of a gyro, (deg/h)^2.
+const ABSURD_SQUARE: f32 = ABSURD * ABSURD;
 
 impl Calibration {
     /// Checks that every number is finite and possible, and every effect one that a unit can compute.
@@ -52,10 +54,9 @@ impl Calibration {
             finite(&[a.valid_from_c_per_min, a.valid_to_c_per_min])?;
             finite(&a.bias_std_dph[0])?;
             finite(&a.bias_std_dph[1])?;
-            finite(&[a.uncertainty.rest_dph2])?;
             finite(a.uncertainty.baseline.as_flattened())?;
-            finite(&[a.visited.unvisited_dph2])?;
-            possible(a.uncertainty.rest_dph2 >= 0.0 && a.visited.unvisited_dph2 >= 0.0, "variance")?;
+            let variances = [a.uncertainty.rest_dph2, a.visited.unvisited_dph2];
+            possible(variances.iter().all(|v| (0.0..=ABSURD_SQUARE).contains(v)), "variance")?;
             match &a.coefficients {
                 Coefficients::One(k) => finite(k)?,
                 Coefficients::CoolingHeating(c, h) => {

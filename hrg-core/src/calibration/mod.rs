@@ -467,6 +467,14 @@ pub(crate) mod tests {
         assert_eq!(refused(&|c| c.effects[0].gains[0][0] = 1e9), ImageError::Absurd("coefficient"));
         let swapped = |c: &mut Calibration| c.accelerometers.matrix = [[0.0, 1.0], [1.0, 0.0]];
         assert_eq!(refused(&swapped), ImageError::Absurd("accelerometers"));
+        for variance in [f32::NAN, -1.0, 1e15] {
+            assert_eq!(refused(&|c| c.axes[1].uncertainty.rest_dph2 = variance), ImageError::Absurd("variance"));
+            assert_eq!(refused(&|c| c.axes[1].visited.unvisited_dph2 = variance), ImageError::Absurd("variance"));
+        }
+        // (A constant that moves by ten thousand deg/h is none of a good gyro, and one all the same.)
+        let mut c = uncertain();
+        c.axes[1].uncertainty.rest_dph2 = 1e8;
+        assert_eq!(Calibration::from_bytes(&c.to_bytes().expect("fits")).as_ref(), Ok(&c));
         assert_eq!(refused(&|c| c.effects[0].id = 11), ImageError::NotOnUnit(11));
         for (effect, parameters) in [
             (EffectId::Hysteresis, [-10.0, 0.0]),

@@ -17,6 +17,7 @@ impl Effect for Butterfly {
     const ID: u16 = 50;
     const REACH: Reach = Reach::Unit;
     const REMEMBERS_PATH: bool = true;
+    const MAY_AGREE: bool = true;
 
     type Parameters = Width;
     type Regressors = [f32; 2];

@@ -16,7 +16,7 @@ impl Effect for DampedOscillation {
     const ID: u16 = 55;
     const COMMON: bool = true;
     const REACH: Reach = Reach::Unit;
-    const PASSES_ZERO: bool = true;
+    const MAY_AGREE: bool = true;
 
     type Parameters = Swing;
     type Regressors = [f32; 2];

@@ -19,6 +19,7 @@ impl Effect for LagSquares {
     const NAME: &'static str = "lag-squares";
     const ID: u16 = 46;
     const REACH: Reach = Reach::Unit;
+    const MAY_AGREE: bool = true;
 
     type Parameters = Taus;
     type Regressors = [f32; 2 * RUNGS];

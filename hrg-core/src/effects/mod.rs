@@ -139,11 +139,11 @@ pub trait Effect: Sized {
     const REMEMBERS_PATH: bool = false;
     /// `true` if it reads the temperatures of the other axes.
     const NEIGHBOURS: bool = false;
-    /// `true` if its regressors are the weights of the knots of a curve of the quantity that it remembers.
+    /// `true` if its regressors are the weights of the knots of a curve of the quantity that it remembers, or of time.
     const CURVE: bool = false;
-    /// `true` if its regressors pass zero while it still remembers: it swings, or settles by temperature. What it remembers dies away by the
-    /// time of its [`span`](Self::span).
-    const PASSES_ZERO: bool = false;
+    /// `true` if its regressors say the same of two pasts while it still remembers them: it swings, settles by temperature, or is a square.
+    /// What it remembers dies away by the time of its [`span`](Self::span), or when the temperature has swept it.
+    const MAY_AGREE: bool = false;
     /// `true` if all of its regressors are products with normalised temperature.
     const TIMES_TEMPERATURE: bool = false;
     /// The inner parameters.
@@ -462,10 +462,10 @@ macro_rules! effects {
             pub const fn looks_at_neighbours(&self) -> bool {
                 match self { $(Self::$name(_) => <$name as Effect>::NEIGHBOURS),+ }
             }
-            /// `true` if its regressors pass zero while it still remembers: [`Effect::PASSES_ZERO`].
+            /// `true` if two pasts that it still remembers may agree by chance: [`Effect::MAY_AGREE`].
             #[must_use]
-            pub const fn passes_zero(&self) -> bool {
-                match self { $(Self::$name(_) => <$name as Effect>::PASSES_ZERO),+ }
+            pub const fn may_agree(&self) -> bool {
+                match self { $(Self::$name(_) => <$name as Effect>::MAY_AGREE),+ }
             }
             /// `true` if its regressors are products with normalised temperature: [`Effect::TIMES_TEMPERATURE`].
             #[must_use]

@@ -16,6 +16,7 @@ impl Effect for PowerOnCurve {
     const NAME: &'static str = "power-on-curve";
     const ID: u16 = 45;
     const COMMON: bool = true;
+    const CURVE: bool = true;
     const REACH: Reach = Reach::Unit;
 
     type Parameters = Until;

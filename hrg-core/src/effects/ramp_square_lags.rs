@@ -47,8 +47,10 @@ impl Effect for RampSquareLags {
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; RUNGS] {
         // The two pasts that bound all others: from a hot soak by the fastest ramp of the fit, for long; from a cold one too slowly to stir anything.
-        if core::mem::replace(&mut self.soaked_c, f32::NAN) > inputs.own_c() {
-            let fastest = inputs.scaling.linear_beyond_c_per_min;
+        let scaling = inputs.scaling;
+        let soaked_c = core::mem::replace(&mut self.soaked_c, f32::NAN);
+        if soaked_c > 0.5 * (scaling.linear_below_c + scaling.linear_above_c) {
+            let fastest = scaling.linear_beyond_c_per_min;
             self.state = [fastest * fastest; RUNGS];
         }
         let ramp = inputs.own().ramp_c_per_min;

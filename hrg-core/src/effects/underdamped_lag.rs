@@ -20,7 +20,7 @@ impl Effect for UnderdampedLag {
     const NAME: &'static str = "underdamped-lag";
     const ID: u16 = 48;
     const REACH: Reach = Reach::Unit;
-    const PASSES_ZERO: bool = true;
+    const MAY_AGREE: bool = true;
 
     type Parameters = Swing;
     type Regressors = [f32; 1];

@@ -15,7 +15,7 @@ impl Effect for WarmUpByTemperature {
     const NAME: &'static str = "warm-up-by-temperature";
     const ID: u16 = 54;
     const REACH: Reach = Reach::Unit;
-    const PASSES_ZERO: bool = true;
+    const MAY_AGREE: bool = true;
 
     type Parameters = Tau;
     type Regressors = [f32; 3];

@@ -374,16 +374,23 @@ fn on_verify(
     })
 }
 
+/// The note where no unit would accept even the baseline.
+pub(super) const UNREADABLE: &str = "no image was made: a number of the baseline is beyond what an image holds (10^7 deg/h, and the like): check the unit of the rates";
+
 /// The kind of image that is written: the baseline in the place of one that no unit accepts.
 fn readable(kind: Image, image: &mut Calibration, baseline: &Calibration, notes: &mut Vec<String>) -> Image {
     match kind {
-        Image::Extended if !can_be_read(image) && can_be_read(baseline) => {
+        Image::None => Image::None,
+        kind if can_be_read(image) => kind,
+        Image::Extended if can_be_read(baseline) => {
             notes.push("the model with its effects has a number that no image holds: the baseline is written".into());
             image.clone_from(baseline);
             Image::Baseline
         }
-        kind if can_be_read(image) => kind,
-        _ => Image::None,
+        _ => {
+            notes.push(UNREADABLE.into());
+            Image::None
+        }
     }
 }
 

@@ -1077,6 +1077,26 @@ mod tests {
     }
 
     #[test]
+    fn a_constant_that_moves_by_thousands_costs_no_image() {
+        // (As that of a MEMS gyro, or of what stands in the place of a rate.)
+        let effects = ["thermal-lag:size=3"];
+        let (train, mut verify) = (plan("cycle", &effects, 38, 77), plan("verify", &effects, 38, 79));
+        verify.rate_dph.iter_mut().flatten().for_each(|v| *v += 20_000.0);
+        let t = trace(&[train.clone()], &verify).expect("traces");
+        assert_eq!(t.report.image, Image::Extended, "{}", t.report.verdict);
+        assert!(Calibration::from_bytes(&t.image.to_bytes().expect("fits")).as_ref() == Ok(&t.image));
+        let stated = t.image.axes.each_ref().map(|a| a.uncertainty.rest_dph2.sqrt());
+        assert!(stated.iter().all(|s| *s > 10_000.0 && *s < 40_000.0), "{stated:?}");
+        // What no gyro has makes none, and the first line says why.
+        let large = |mut r: Recording| {
+            r.rate_dph.iter_mut().flatten().for_each(|v| *v *= 1e9);
+            r
+        };
+        let r = trace(&[large(train)], &large(verify)).expect("traces").report;
+        assert!(r.image == Image::None && r.verdict.contains("is beyond what an image holds"), "{}", r.verdict);
+    }
+
+    #[test]
     fn the_uncertainty_holds_what_the_verify_run_shows_to_be_left() {
         // The verify run has what the model lacks: the image's bias is uncertain by that much.
         let t = trace(&[plan("cycle", &[], 33, 67)], &plan("verify", &["hysteresis:size=5"], 33, 68)).expect("traces");

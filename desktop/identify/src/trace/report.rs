@@ -47,7 +47,7 @@ pub enum Image {
     Extended,
     /// The baseline alone.
     Baseline,
-    /// None: not even the baseline beats the raw rates on the verify run.
+    /// None: not even the baseline beats the raw rates on the verify run, or no image holds its numbers.
     None,
 }
 

@@ -3,6 +3,7 @@
 //! The verdict has four lines: burn or not; why; what is left; the next step.
 
 use super::beyond::OF_A_FORM;
+use super::image::UNREADABLE;
 use super::odds::THRESHOLD;
 use super::report::{three_digits, AxisModel, ByAxis, Found, Image, Judged, OnVerify, Report, VerdictKind};
 use hrg_core::effects::EffectId;
@@ -80,7 +81,12 @@ fn left_by_both(r: &Report, block: &ByAxis<OnVerify>) -> String {
 /// First line: whether to burn, and what the image does.
 fn burn(r: &Report) -> String {
     let Some(block) = &r.block else {
-        return "Do not burn: no image was made, as not even the baseline leaves less than the raw rates on the verify run.".into();
+        let why = if r.notes.iter().any(|n| n == UNREADABLE) {
+            "a number of the model is beyond what an image holds"
+        } else {
+            "not even the baseline leaves less than the raw rates on the verify run"
+        };
+        return format!("Do not burn: no image was made, as {why}.");
     };
     let figures = left_by_both(r, block);
     if r.burn {

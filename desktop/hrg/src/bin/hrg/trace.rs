@@ -152,7 +152,7 @@ pub fn run(arguments: Arguments) -> Result<bool> {
     print_trace(&t.report);
     match calibration {
         Some(path) if t.report.image == trace::Image::None => {
-            println!("{}: not written, no image beats the raw rates", path.display());
+            println!("{}: not written, for the reason that the first line gives", path.display());
         }
         Some(path) => {
             t.image.created_unix_s = now();
