@@ -241,7 +241,7 @@ impl<P: Past> Model<P> {
             factors: Factors::UNIT,
             specific_force: SpecificForce::NONE,
             on_for_s: thermal.time_s,
-            status: [if self.calibration.calibrated { AxisStatus::empty() } else { AxisStatus::UNCALIBRATED }; AXES],
+            status: [0, 1, 2].map(|k| self.calibration.held(k)),
         };
         for k in 0..AXES {
             let now = &thermal.axes[k];
@@ -462,6 +462,18 @@ mod tests {
         assert_eq!(out.status, [AxisStatus::empty(); 3]);
         let t = out.temperature_c[0];
         assert!((out.bias_dph[0] - (1.0 + 2.0 * (t - 10.0) / 45.0)).abs() < 1e-5);
+    }
+
+    #[test]
+    fn an_axis_of_which_the_image_holds_nothing_is_uncalibrated() {
+        let mut image = calibrated();
+        image.axes[0].coefficients = Coefficients::One([0.0; crate::bias::TERMS]);
+        image.axes[2].coefficients = Coefficients::One([0.0; crate::bias::TERMS]);
+        let mut term = EffectTerm::new(by_id(3).expect("in the list").id, [-40.0, 60.0]);
+        term.gains[2][0] = 0.1;
+        image.effects.push(term).expect("room");
+        let status = Compensator::new(image, 0.0).step(&F).status;
+        assert_eq!(status.map(|s| s.contains(AxisStatus::UNCALIBRATED)), [true, false, false]);
     }
 
     #[test]

@@ -7,7 +7,7 @@
 //! The *stated* uncertainty for want of a past is that of a unit that stood at one temperature for long, any of these alike: their
 //! distance times the deviation of a uniform distribution. Another past may stir up one time constant of a ladder and not the next; it is
 //! bounded by the distance with the gains by their sizes. That bound decays with the effect's own time constants, and a play knows its
-//! place as soon as the temperature has swept its width. Of a product with temperature it is taken over that factor. Of a regressor on which the copies may agree by chance (a swing,
+//! place as soon as the temperature has swept its width. Of a product with temperature it is that without the factor. Of a regressor on which the copies may agree by chance (a swing,
 //! a square) it falls no faster than by the slowest time constant, and stays until the width is swept. Until 5 % of the bound is left (three time constants), or 0.01 deg/h, the axis is
 //! flagged [`crate::status::AxisStatus::HISTORY_UNKNOWN`]; what is unknown is in the stated uncertainty until the bound is 0.01 deg/h.
 //!
@@ -39,7 +39,7 @@
 //! assert!(restarted.on_for_s() > model.on_for_s());
 //! ```
 
-use crate::bias::clamp;
+use crate::bias::{clamp, Scaling};
 use crate::bytes;
 use crate::calibration::{Calibration, EffectTerm, DIRECTIONS, MAX_EFFECTS};
 use crate::effects::{self, Gains, OnUnit, Span, Sums, MAX_MEMORY, MAX_OUTPUTS};
@@ -59,9 +59,6 @@ const KNOWN: f32 = 0.05;
 
 /// Biases of the copies that are less apart than this, deg/h, count as one: a tenth of what docs/promises.md calls off.
 const NEGLIGIBLE_DPH: f32 = 0.01;
-
-/// Normalised temperature within which a product with it says nothing of its factor.
-const NEAR_MIDDLE: f32 = 0.02;
 
 /// While a thermometer is lost its temperature may change as fast as the calibration has seen, at least by this, C per minute.
 const USUAL_RAMP_C_PER_MIN: f32 = 1.0;
@@ -233,8 +230,7 @@ impl History {
                     let [lowest, highest] = inputs::with_ends(&seen.values, &calibration.inputs, QuantitySet::all());
                     low.soak_at(k, range.valid_from_c, &lowest);
                     high.soak_at(k, range.valid_to_c, &highest);
-                    let sizes = || term.gains[k].iter().map(|g| g.abs()).sum();
-                    let begins = if main.may_agree() || main.times_temperature() { sizes() } else { 0.0 };
+                    let begins = if main.may_agree() { term.gains[k].iter().map(|g| g.abs()).sum() } else { 0.0 };
                     *past = Place::Apart(begins, begins, 0.0);
                 }
                 Place::Known if known && (lost[k] || any_lost) => {
@@ -248,6 +244,11 @@ impl History {
         }
         let [cold, mut hot] = [Side::Cold, Side::Hot].map(|side| side.of(calibration, thermal));
         hot.time_s = LONG_S;
+        // A product with temperature passes zero at the middle one, and says nothing there: its factor is counted from elsewhere.
+        let mut scaling = calibration.scaling;
+        if main.times_temperature() {
+            scaling.t_ref_c = scaling.linear_below_c - scaling.t_scale_c;
+        }
         // (The sizes take the place of the directions, which nobody asks for here.)
         let directions = &[sizes(&term.gains, main.is_curve()); DIRECTIONS];
         // Hot less cold.
@@ -255,7 +256,7 @@ impl History {
         for ((copy, thermal), quantities) in [&mut *low, &mut *high].into_iter().zip([&cold, &hot]).zip(&ends) {
             own_dph.iter_mut().chain(along_dph.as_flattened_mut()).for_each(|sum| *sum = -*sum);
             let sums = &mut Sums { gains: &term.gains, bias_dph: &mut own_dph, directions, along_dph: &mut along_dph };
-            copy.add_bias_dph(&calibration.scaling, thermal, quantities, sums);
+            copy.add_bias_dph(&scaling, thermal, quantities, sums);
         }
         let [bounds_dph, ..] = along_dph;
         let span = effects::span(term.id, &term.parameters);
@@ -271,17 +272,20 @@ impl History {
             let left = if met { 0.0 } else { fades * before };
             // The copies of what passes zero meet and part again.
             let least = if main.may_agree() { left } else { 0.0 };
-            // At the middle temperature a product with temperature says nothing of what they are apart by elsewhere.
-            let (_, u) = calibration.scaling.u_and_inside(axis.state.temperature_c);
-            let share = if main.times_temperature() { u.abs() } else { 1.0 };
-            let apart = if share > NEAR_MIDDLE { (bound.abs() / share).max(least) } else { bound.abs().max(left) };
+            let (factor, counted) = if main.times_temperature() {
+                let factor = |s: &Scaling| s.u_and_inside(axis.state.temperature_c).1;
+                (factor(&calibration.scaling), factor(&scaling))
+            } else {
+                (1.0, 1.0)
+            };
+            let apart = (bound / counted).abs().max(least);
             // While a thermometer is lost they part anew.
             let parting = lost || any_lost;
             let most = if apart > most || parting { apart } else { most };
             *past = if apart <= NEGLIGIBLE_DPH && !parting {
                 Place::Known
             } else {
-                Place::Apart(apart, most, own.abs().max(least))
+                Place::Apart(apart, most, (own * (factor / counted)).abs().max(least))
             };
         }
     }
@@ -444,6 +448,8 @@ impl Side {
             let mut state = now.state;
             let moved = state.temperature_c + ramp * (f32::from(now.age) * (MODEL_STEP_S / 60.0));
             state.temperature_c = if now.known { clamp(moved, from, to) } else { end };
+            // (What counts ramps, by their sizes or while it warms, has counted none, or the fastest.)
+            state.ramp_c_per_min = if self == Self::Hot { ramp } else { 0.0 };
             AxisThermal { state, known: true, ..*now }
         });
         Thermal { axes, time_s: thermal.time_s }
@@ -1006,6 +1012,31 @@ mod tests {
     }
 
     #[test]
+    fn an_axis_whose_thermometer_was_lost_is_flagged_until_it_knows_its_past_whatever_its_effect_is() {
+        for (effect, parameters, size) in REMEMBER {
+            let image = calibration(&[(effect, parameters, size)], &[1]);
+            let truth = run(&mut Compensator::new(image.clone(), 0.0), 0..48_000);
+            for begin in [30_000, 31_500, 35_700, 39_000, 41_700u32] {
+                for long in [60, 1200u32] {
+                    let mut unit = Compensator::new(image.clone(), 0.0);
+                    run(&mut unit, 0..begin);
+                    let back = begin + long;
+                    (begin..back).for_each(|s| _ = unit.step(&[at(s)[0], None, at(s)[2]]));
+                    let after = run(&mut unit, back..back + 5000);
+                    for (k, (known, own)) in truth[back as usize..].iter().zip(&after).enumerate().skip(100) {
+                        let off = (known.bias_dph[1] - own.bias_dph[1]).abs();
+                        assert!(
+                            own.status[1].contains(AxisStatus::HISTORY_UNKNOWN)
+                                || off < 3.5 * own.bias_std_dph[1] + 0.05,
+                            "{effect:?}, lost at {begin} for {long} s, {k} s later: off by {off}: {own:?}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
     fn a_product_with_temperature_is_known_by_time_at_the_middle_temperature() {
         for effect in [EffectId::LagLadderByTemperature, EffectId::PowerOnLadderByTemperature] {
             let image = calibration(&[(effect, [60.0, 1000.0], 0.1)], &[1]);
@@ -1018,8 +1049,8 @@ mod tests {
             let mut unit = Compensator::new(image.clone(), 0.0);
             let flagged = |o: &Output| o.status[1].contains(AxisStatus::HISTORY_UNKNOWN);
             let last = (0..9000).map(|_| unit.step(&[Some(low); AXES])).collect::<Vec<_>>();
-            // (Three of the slowest time constants.)
-            assert_eq!(last.iter().rposition(flagged).map(|s| s / 100), Some(29), "{effect:?}");
+            // (As without the factor: half of three of the slowest time constants, as the faster ones are over sooner.)
+            assert_eq!(last.iter().rposition(flagged).map(|s| s / 100), Some(14), "{effect:?}");
         }
     }
 

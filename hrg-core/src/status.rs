@@ -18,7 +18,7 @@ bitflags! {
     /// Bits of one axis.
     #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
     pub struct AxisStatus: u16 {
-        /// No calibration of this unit is loaded: the rate is raw. Or the one that is gives a number that is not finite.
+        /// No calibration of this unit is loaded, or it holds nothing of this axis: the rate is raw. Or the one that is gives a number that is not finite.
         const UNCALIBRATED = 1 << 0;
         /// The temperature is outside the calibrated range: the model is continued linearly.
         const TEMPERATURE_RANGE = 1 << 1;

@@ -318,6 +318,26 @@ fn about_runs(runs: &[Recording], calibration: &Calibration) -> Vec<String> {
     notes
 }
 
+/// A note on an input of the image that a run does not have, or has beyond the range that the image was learnt with.
+fn about_inputs(
+    r: &Recording,
+    calibration: &Calibration,
+    steps: &Steps,
+    seconds: &[correct::Second],
+) -> Option<String> {
+    let lacks = correct::without_inputs(calibration, steps);
+    let flagged = |a: usize| seconds.iter().filter(|s| s.status[a] & AxisStatus::INPUT.bits() != 0).count();
+    let beyond = || {
+        let (a, n) = steps.present().map(|a| (a, flagged(a))).max_by_key(|(_, n)| *n).filter(|(_, n)| *n > 0)?;
+        Some(format!(
+            "in {n} of {} seconds an input of the image is beyond the range that it was learnt with, and {} is flagged `input` (the calibration file names its inputs and their ranges); if it is on the whole run, check its unit",
+            seconds.len(),
+            AXIS_NAMES[a]
+        ))
+    };
+    Some(format!("{}: {}", r.source, lacks.or_else(beyond)?))
+}
+
 /// A note on the answer that runs would have without the spikes of their rates; `None` where they have none.
 ///
 /// # Errors
@@ -393,6 +413,7 @@ pub fn judge(runs: &[Recording], calibration: &Calibration, limit: &Limit) -> Re
         }
         let steps = steps_of(r, calibration, limit)?;
         let seconds = correct::correct(calibration, &steps);
+        notes.extend(about_inputs(r, calibration, &steps, &seconds));
         for a in steps.present() {
             let of =
                 |f: &dyn Fn(usize) -> f64| block_means(&(0..seconds.len()).map(f).collect::<Vec<_>>(), limit.means_s);

@@ -172,11 +172,18 @@ impl EffectSpec {
             let value = item.split_once('=').and_then(|(k, v)| v.parse::<f64>().ok().map(|v| (k, v)));
             let place = value.and_then(|(key, v)| names.iter().position(|n| *n == key).map(|at| (at, v)));
             match (value, place) {
-                (Some((key, v)), _) if !v.is_finite() => {
+                // (A unit has it in single precision.)
+                (Some((key, v)), _) if !(v as f32).is_finite() => {
                     return Err(BadInput::new(format!("effect {name}: {key} is {v}; give a number")));
                 }
-                (_, Some((at, v))) if must_be_positive(source, at) && v <= 0.0 => {
+                (_, Some((at, v))) if must_be_positive(source, at) && (v as f32) <= 0.0 => {
                     return Err(BadInput::new(format!("effect {name}: {} is {v}; give a number above 0", names[at])));
+                }
+                (_, Some((at, v))) if names[at].ends_with("_s") && v < 0.0 => {
+                    return Err(BadInput::new(format!(
+                        "effect {name}: {} is {v}; give a time of 0 or more",
+                        names[at]
+                    )));
                 }
                 (Some(("size", v)), _) => spec.size = v,
                 (_, Some((at, v))) => spec.parameters[at] = v,
@@ -293,6 +300,9 @@ mod tests {
             ("widening-play:width_hot_c=0", "width_hot_c is 0; give a number above 0"),
             ("kink:break_c=inf", "break_c is inf; give a number"),
             ("kink:size=NaN", "size is NaN; give a number"),
+            ("thermal-lag:size=1e300", "give a number"),
+            ("thermal-lag:tau_s=1e-50", "give a number above 0"),
+            ("timebase:lag_s=-5", "give a time of 0 or more"),
         ] {
             let refused = EffectSpec::parse(text).expect_err("refused").0;
             assert!(refused.contains(told), "{text}: {refused}");

@@ -29,6 +29,7 @@ use effects::{effect_bias, left_after_baseline};
 use hrg_core::calibration::Calibration;
 use hrg_core::effects::EffectId;
 use hrg_core::AXES;
+use hrg_data::error::BadInput;
 use hrg_data::numeric::stats::{block_means, std_dev};
 use hrg_data::recording::columns;
 use hrg_data::recording::columns::Column;
@@ -162,7 +163,9 @@ impl Plan {
                         signs[a].1,
                     );
                     let left = left_after_baseline(&bias, &plant, &default.scaling, a);
-                    if left > 0.0 {
+                    // (Of what the baseline takes whole, rounding is left.)
+                    let size = (bias.iter().map(|b| b * b).sum::<f64>() / n as f64).sqrt();
+                    if left > 1e-6 * size {
                         signs[a].0 * spec.size * floor[a] / left
                     } else {
                         0.0
@@ -170,6 +173,24 @@ impl Plan {
                 })
             })
             .collect()
+    }
+
+    /// Looks whether each effect can have its size.
+    ///
+    /// # Errors
+    /// An effect whose parameters give no bias on the profile on which it has its size, or one that is no number.
+    pub fn check(&self) -> Result<(), BadInput> {
+        let gains = self.gains();
+        let none = |(spec, gains): &(&EffectSpec, &[f64; AXES])| {
+            spec.size != 0.0 && gains.iter().all(|g| *g == 0.0 || !g.is_finite())
+        };
+        match self.effects.iter().zip(&gains).find(none) {
+            Some((spec, _)) => Err(BadInput::new(format!(
+                "effect {}: with these parameters it adds nothing to the bias of the profile on which it has its size (cycle), or nothing that is a number; give others (a quantity that there is, a time within the profile, a lower level below the upper one)",
+                spec.source.name()
+            ))),
+            None => Ok(()),
+        }
     }
 
     fn metadata(&self, default: &Calibration) -> Vec<(String, String)> {
@@ -313,6 +334,7 @@ fn of_axes(column: Column, values: [Vec<f64>; AXES]) -> impl Iterator<Item = (&'
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hrg_core::effects::ALL;
 
     fn plan(effects: &[&str]) -> Plan {
         Plan {
@@ -356,6 +378,24 @@ mod tests {
         assert!((0..AXES).all(|a| largest(a) < 1e-4));
         let names: Vec<&str> = read.optional.iter().map(|(n, _)| *n).collect();
         assert_eq!(names, ["chamber_c", "board_c", "supply_v"]);
+    }
+
+    #[test]
+    fn an_effect_that_does_nothing_is_refused() {
+        for text in [
+            "input-kink:channel=99",
+            "recorded-quantity:channel=40",
+            "temperature-shape:low_c=5,high_c=-5",
+            "step:time_s=1e8",
+            "ramp-band:middle_c=1e30",
+        ] {
+            let refused = plan(&["kink", text]).check().expect_err(text).0;
+            assert!(refused.starts_with(&format!("effect {}: ", text.split(':').next().unwrap_or(""))), "{refused}");
+        }
+        for facts in ALL {
+            assert_eq!(plan(&[facts.name]).check(), Ok(()), "{}", facts.name);
+        }
+        assert_eq!(plan(&["thermal-lag:size=0"]).check(), Ok(()));
     }
 
     #[test]

@@ -67,6 +67,9 @@ pub fn duration_s(text: &str) -> Option<f64> {
     text[..text.len() - 1].parse::<f64>().ok().map(|n| n * unit_s).filter(|s| *s >= 0.0)
 }
 
+/// Longest profile, h: six weeks.
+const MOST_HOURS: f64 = 1000.0;
+
 impl Profile {
     /// A named profile, or one written out: start temperature, then `TARGET@RATE` (C, C per minute), `TARGET@set` (the chamber goes
     /// there by itself), soaks (`90m`, `5h`, `600s`) and `until gyros=TEMPERATURE`, separated by commas.
@@ -111,6 +114,17 @@ impl Profile {
             let (least, most) = (CHAMBERS_C.start(), CHAMBERS_C.end());
             return Err(BadInput(format!(
                 "profile: no chamber goes to {t} C; give temperatures from {least} to {most} C"
+            )));
+        }
+        let hours = profile.legs.iter().fold((start_c, 0.0), |(now_c, hours), leg| match leg {
+            Leg::Ramp(target_c, rate) => (*target_c, hours + (target_c - now_c).abs() / rate / 60.0),
+            Leg::Soak(s) => (now_c, hours + s / 3600.0),
+            Leg::SetPoint(target_c) | Leg::UntilGyros(target_c) => (*target_c, hours),
+        });
+        if !(hours.1 <= MOST_HOURS) {
+            return Err(BadInput::new(format!(
+                "profile: it takes {:.0} h; a run takes {MOST_HOURS} h at the most",
+                hours.1
             )));
         }
         match profile.walk().1 {

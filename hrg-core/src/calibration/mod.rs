@@ -41,6 +41,7 @@ use crate::half::Half;
 use crate::inputs::{self, InputTable, QuantitySet};
 use crate::rate_factors::RateAxis;
 use crate::specific_force::Accelerometer;
+use crate::status::AxisStatus;
 use crate::temperature::TemperatureCurve;
 use crate::unit_name::UnitName;
 use crate::visited::Visited;
@@ -244,6 +245,20 @@ impl core::fmt::Display for ImageError {
 impl core::error::Error for ImageError {}
 
 impl Calibration {
+    /// `UNCALIBRATED` where it holds no bias of an axis: no coefficient, and no gain of an effect. An image that was learnt from one gyro says
+    /// nothing of the others.
+    #[must_use]
+    pub fn held(&self, axis: usize) -> AxisStatus {
+        let none = |k: &[f32]| k.iter().all(|k| *k == 0.0);
+        let base = |a: &Axis| !matches!(&a.coefficients, Coefficients::One(k) if none(k));
+        let gains = |t: &EffectTerm| t.gains.get(axis).is_some_and(|g| !none(g));
+        if self.calibrated && (self.axes.get(axis).is_some_and(base) || self.effects.iter().any(gains)) {
+            AxisStatus::empty()
+        } else {
+            AxisStatus::UNCALIBRATED
+        }
+    }
+
     /// Calibration of a unit that was never calibrated: the frequency curves of dong2023's Table 1 and no bias.
     ///
     /// The curves are the centred cubic fits of that table on its sensors at the case; `hrg fit points

@@ -10,7 +10,7 @@ pub use reader::from_text;
 pub use writer::to_text;
 
 use crate::error::BadInput;
-use hrg_core::calibration::{Calibration, ImageError};
+use hrg_core::calibration::{Calibration, ImageError, MAX_BYTES};
 use hrg_core::temperature::TemperatureCurve;
 use std::path::Path;
 
@@ -58,7 +58,14 @@ pub fn load(path: &Path) -> anyhow::Result<Calibration> {
         return Ok(Calibration::from_bytes(&bytes).map_err(|e: ImageError| here(e.to_string()))?);
     }
     let text = std::str::from_utf8(&bytes).map_err(|_| here("it is neither a calibration file nor an image".into()))?;
-    Ok(from_text(text).map_err(|e| here(e.to_string()))?)
+    let c = from_text(text).map_err(|e| here(e.to_string()))?;
+    if c.to_bytes().is_none() {
+        return Err(here(format!(
+            "it holds more than an image can ({MAX_BYTES} bytes): take out an effect, no unit would load it"
+        ))
+        .into());
+    }
+    Ok(c)
 }
 
 /// Writes a calibration: binary where the path ends in `.bin`, else text.

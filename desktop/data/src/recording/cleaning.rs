@@ -95,6 +95,9 @@ impl Recording {
                 }
             ));
         }
+        if rows < 2 {
+            return Err(BadInput("there is one row of data; a recording is many, one a second for instance".into()));
+        }
         if bad_times * 2 > rows || rows - bad_times < 2 {
             return Err(BadInput(format!(
                 "column time_s: {bad_times} of {rows} rows have a time that does not increase, the first is row {} of the data; one recording is one power-on, in order of time",

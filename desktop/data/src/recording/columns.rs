@@ -50,6 +50,9 @@ pub struct Column {
     pub meaning: &'static str,
 }
 
+/// The unit of a column whose values are in a unit that nobody has stated.
+pub const AS_IT_COMES: &str = "as it comes";
+
 /// The names of a column of each axis.
 macro_rules! axes {
     ($before:literal, $after:literal) => {
@@ -59,7 +62,7 @@ macro_rules! axes {
 
 /// The list: names, unit, format, role, whether needed, meaning.
 macro_rules! columns {
-    ($($column:ident: $names:expr, $unit:literal, $format:expr, $role:expr, $needed:literal, $meaning:literal;)+) => {
+    ($($column:ident: $names:expr, $unit:expr, $format:expr, $role:expr, $needed:literal, $meaning:literal;)+) => {
         $(
             #[doc = concat!("The ", $meaning, ".")]
             pub const $column: Column = Column {
@@ -99,9 +102,9 @@ columns! {
         "no", "voltage that nulls the quadrature";
     CHIP: &["chip_c"], "C", Format::Digits(4), Role::Optional, "no", "temperature of the unit's processor";
     CHIP_SUPPLY: &["chip_v"], "V", Format::Digits(4), Role::Optional, "no", "supply of the unit's processor";
-    INPUT_1: &["input_1"], "as it comes", Format::Exact, Role::Optional, "no", "first input of the user's own";
-    INPUT_2: &["input_2"], "as it comes", Format::Exact, Role::Optional, "no", "second input of the user's own";
-    INPUT_3: &["input_3"], "as it comes", Format::Exact, Role::Optional, "no", "third input of the user's own";
+    INPUT_1: &["input_1"], AS_IT_COMES, Format::Exact, Role::Optional, "no", "first input of the user's own";
+    INPUT_2: &["input_2"], AS_IT_COMES, Format::Exact, Role::Optional, "no", "second input of the user's own";
+    INPUT_3: &["input_3"], AS_IT_COMES, Format::Exact, Role::Optional, "no", "third input of the user's own";
     TABLE_RATE: axes!("table_rate_", "_dph"), "deg/h", Format::Digits(5), Role::Optional,
         "for `hrg fit --rates`, or `# table_rate_dph`", "rate at which a table turned the case, along its axes, beside the earth's rate";
     FORCE: axes!("force_", "_mps2"), "m/s^2", Format::Digits(7), Role::Optional,
@@ -113,7 +116,7 @@ columns! {
     BIAS: axes!("bias_", "_dph"), "deg/h", Format::Exact, Role::Computed,
         "no; a unit's own", "bias that the unit computed at the end of the row";
     BIAS_STD: axes!("bias_std_", "_dph"), "deg/h", Format::Exact, Role::Computed,
-        "no; a unit's own", "standard uncertainty of that bias; learnt from one train run and without a family, it does not hold the constant that changes with each power-on";
+        "no; a unit's own", "standard uncertainty of that bias; it holds the constant that changes with each power-on only where more than one run told it";
     TEMPERATURE: axes!("temperature_", "_c"), "C", Format::Exact, Role::Computed,
         "no; a unit's own", "temperature that the unit computed";
     STATUS: axes!("status_", ""), "bits", Format::Bits, Role::Status,

@@ -62,14 +62,21 @@ impl Steps {
     /// Brings a cleaned recording to model steps.
     ///
     /// # Errors
-    /// If it is too short for any statement (less than three minutes).
+    /// If it is too short for any statement (less than three minutes), or its rows are so far apart that nobody knows the temperature between them.
     pub fn new(r: &Recording) -> Result<Self, BadInput> {
+        let name = if r.source.is_empty() { "the recording" } else { &r.source };
+        if r.step_s() > BRIDGE_S {
+            return Err(BadInput::new(format!(
+                "{name}: the rows are {:.0} s apart by column time_s, and the temperature is followed over gaps of {BRIDGE_S} s at the most; if the times are not in seconds, state their unit in a map (hrg import --map)",
+                r.step_s()
+            )));
+        }
         let mut steps = Self::on_grid(r)?.0;
         // Behind a gap that is not bridged the temperature leaps, and so does its rate of change: the unit saw no such thing.
         steps.leave_out_behind_gaps(BRIDGE_S as usize);
         if steps.len() < SHORTEST {
             return Err(BadInput::new(format!(
-                "the recording lasts {} s; a fit needs three minutes at the least, and soaks and ramps of hours",
+                "{name} lasts {} s; a fit needs three minutes at the least, and soaks and ramps of hours",
                 steps.len() - 1
             )));
         }

@@ -146,7 +146,7 @@ pub fn draw(frame: &mut Frame<'_>, state: &State) {
     };
     // (As correct::WITHOUT_TURN_ON says it, in the room that there is.)
     let stated = h.bias_std_dph.iter().any(|s| s.is_finite());
-    let without = if stated { "   \u{b1} without the turn-on constant" } else { "" };
+    let without = if stated { "   \u{b1} holds the turn-on constant if two runs told it" } else { "" };
     let mode = mode::NAMES.get(usize::from(h.mode)).copied().unwrap_or("?");
     frame.render_widget(
         Paragraph::new(vec![

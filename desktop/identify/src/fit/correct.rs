@@ -296,7 +296,7 @@ fn written(source: &Recording) -> [Written<Second>; 8] {
 
 /// Caveat of each stated uncertainty of a bias, printed wherever one is shown.
 pub const WITHOUT_TURN_ON: &str =
-    "learnt from one train run and without a family, the uncertainty of a bias (bias_std) does not hold the constant that changes with each power-on";
+    "the uncertainty of a bias (bias_std) holds the constant that changes with each power-on only where more than one run told it: several train runs, the verify run of hrg trace, or a family";
 
 /// Seconds as a recording of corrected rates, with raw rates and the rest beside them. `how`: what made them, for the metadata.
 /// Numbers are written so that they come back to the last bit.

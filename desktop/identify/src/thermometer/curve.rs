@@ -238,13 +238,14 @@ fn span(runs: &[Steps], a: usize, least: f64) -> Result<(f64, f64), BadInput> {
         return Ok((low, high));
     }
     let thermometer = runs.first().map_or_else(Thermometer::default, |s| s.thermometer);
+    let all = if runs.len() > 1 { format!(" of the {} runs together", runs.len()) } else { String::new() };
     let spans = if thermometer.is_sensor() {
         format!("{:.2} C", high - low)
     } else {
         format!("{:.3} Hz, about {:.2} C", high - low, (high - low) / HZ_PER_C)
     };
     Err(BadInput::new(format!(
-        "column {} spans {spans}; what depends on temperature does not show in it: a calibration needs a run over tens of degrees (hrg allan and hrg report take a run at one temperature)",
+        "column {}{all} spans {spans}; what depends on temperature does not show in it: a calibration needs a run over tens of degrees (hrg allan and hrg report take a run at one temperature)",
         thermometer.column(a)
     )))
 }

@@ -115,8 +115,10 @@ impl OnVerify<'_> {
 /// Standard deviations of the refined parameters of effect `k`, by name.
 fn parameter_std(c: &Candidate, k: usize, stated: &[Option<Stated>; AXES]) -> BTreeMap<String, f64> {
     let Some(s) = stated.iter().flatten().next() else { return BTreeMap::new() };
-    let each = c.facts.parameters.iter().zip(s.parameter_std[k]);
-    each.filter(|(_, v)| v.is_finite()).map(|(n, v)| ((*n).to_string(), v)).collect()
+    let each = c.facts.parameters.iter().zip(s.parameter_std[k]).zip(c.parameters);
+    // (What the runs do not tell, as a threshold beyond all of their temperatures, has any deviation.)
+    let told = |std: f64, value: f32| if std < 1000.0 * f64::from(value).abs().max(1.0) { std } else { f64::INFINITY };
+    each.filter(|((_, std), _)| std.is_finite()).map(|((n, std), v)| ((*n).to_string(), told(std, v))).collect()
 }
 
 /// The gains of effect `k`. `columns`: those of the model on each axis.

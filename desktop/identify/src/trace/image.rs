@@ -24,7 +24,8 @@ pub(super) struct Written {
     pub figures: Option<ByAxis<OnVerify>>,
     /// By axis: the image against the baseline, on the run that judges.
     pub judged: ByAxis<Judged>,
-    /// `true` where an axis is extended and the judge bears it out, and no axis is worse than a constant or the least-squares baseline.
+    /// `true` where an axis is extended and the judge bears it out, no axis is worse than a constant or the least-squares baseline, and on none the
+    /// runs contradict each other.
     pub good: bool,
     /// `true` where the rows that judge have also chosen what stands on an axis.
     pub chosen_on_verify: bool,
@@ -125,7 +126,7 @@ impl Fits<'_> {
         let on_judge: Vec<(usize, Agreement)> = extended.map(|a| (a, judged[names[a]].agreement)).collect();
         let worse = verify.run.steps.present().any(|a| {
             let j = judged[names[a]];
-            (models[a] == AxisModel::Extended && j.agreement.loses()) || j.worse_than_a_constant
+            (models[a] == AxisModel::Extended && j.agreement.loses()) || j.worse_than_a_constant || j.contradicted
         });
         let predicted = [0, 1, 2].map(|a: usize| {
             let fitted = if models[a] == AxisModel::Extended { self.extended } else { self.beside };
@@ -233,7 +234,8 @@ impl Fits<'_> {
             };
             let raw = judge.means(&judge.run.steps.rate_dph[a]);
             let worse_than = |other: &Means, constant: f64| is_worse(&means, other, constant, judge.noise[a].shift());
-            let worse = judge.run.steps.present().any(|p| p == a)
+            let there = judge.run.steps.present().any(|p| p == a);
+            let worse = there
                 && match models[a] {
                     // (The constant of the train runs against none.)
                     AxisModel::Constant => {
@@ -252,6 +254,9 @@ impl Fits<'_> {
                 constant_dph: means.mean(),
                 worse_than_a_constant: worse,
                 uncertain_elsewhere: models[a] == AxisModel::Extended && is_uncertain_elsewhere(runs, &corrected, a),
+                contradicted: there
+                    && models[a] == AxisModel::Constant
+                    && !judge.noise[a].ratio(means.deviation(), 0.0).is_noise(),
             }
         })
     }

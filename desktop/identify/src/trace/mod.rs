@@ -334,7 +334,7 @@ fn judged_on(
         prior,
         noise_growth: by_axis(|a| data.growth[a].by.exp()),
         advice: Vec::new(),
-        notes,
+        notes: notes.into_iter().chain(not_offered(data, &left)).collect(),
         cleaned: report::cleaned(named_files(train, verify)),
     };
     report_text::write(&mut report, &there.iter().map(|a| AXIS_NAMES[*a]).collect::<Vec<_>>());
@@ -349,6 +349,12 @@ fn judged_on(
         lag_s: prepared.mean_lag_s(),
         train: runs.clone(),
     })
+}
+
+/// A note where structure is left on an axis and the train runs are such that not all forms were tried.
+fn not_offered(data: &Data<'_>, left: &[Vec<String>; AXES]) -> Option<String> {
+    let all_tried = data.extent().path_repeats || left.iter().all(Vec::is_empty);
+    (!all_tried).then(|| report_text::NOT_OFFERED.into())
 }
 
 /// Residuals of the baseline and of the model on a run that was not learnt from.
@@ -956,6 +962,19 @@ mod tests {
         assert!(!t.report.burn && t.report.block.is_none() && t.report.verdict.contains("no image was made"));
     }
 
+    #[test]
+    fn runs_that_contradict_each_other_on_an_axis_are_nothing_to_burn_on() {
+        let effects = ["thermal-lag:size=4"];
+        let (train, verify) = (plan("cycle", &effects, 38, 77), plan("verify", &effects, 38, 79));
+        assert!(trace(std::slice::from_ref(&train), &verify).expect("traces").report.burn);
+        let mut exchanged = verify;
+        exchanged.rate_dph.swap(0, 1);
+        let r = trace(&[train], &exchanged).expect("traces").report;
+        let contradicted: Vec<&String> = r.judge.iter().filter(|(_, j)| j.contradicted).map(|(n, _)| n).collect();
+        assert!(!r.burn && !contradicted.is_empty() && !contradicted.contains(&&"z".to_string()), "{}", r.verdict);
+        assert!(r.verdict.contains("contradict each other") && r.verdict.contains("exchanged axes"), "{}", r.verdict);
+    }
+
     /// Something like noise.
     fn grain(k: usize, a: usize) -> f64 {
         let x = (k as u64 * 3 + a as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 40;
@@ -1082,7 +1101,7 @@ mod tests {
         let effects = ["thermal-lag:size=3"];
         let (train, mut verify) = (plan("cycle", &effects, 38, 77), plan("verify", &effects, 38, 79));
         verify.rate_dph.iter_mut().flatten().for_each(|v| *v += 20_000.0);
-        let t = trace(&[train.clone()], &verify).expect("traces");
+        let t = trace(std::slice::from_ref(&train), &verify).expect("traces");
         assert_eq!(t.report.image, Image::Extended, "{}", t.report.verdict);
         assert!(Calibration::from_bytes(&t.image.to_bytes().expect("fits")).as_ref() == Ok(&t.image));
         let stated = t.image.axes.each_ref().map(|a| a.uncertainty.rest_dph2.sqrt());

@@ -126,6 +126,8 @@ pub struct Judged {
     /// Set where the image has effects and leaves too much of what the baseline leaves to say that it is better on another profile, too
     /// ([`super::judge::holds_elsewhere`]).
     pub uncertain_elsewhere: bool,
+    /// Set on an axis that holds a constant where more than noise is left: the train runs and this one contradict each other.
+    pub contradicted: bool,
 }
 
 /// Rows that chose what is written.
@@ -141,10 +143,15 @@ pub enum ChosenOn {
 /// A number with three significant digits, without an exponent: `0.04`, `12.5`, `9000`.
 #[must_use]
 pub fn three_digits(v: f64) -> String {
+    with_digits(v, 3)
+}
+
+/// The same with so many.
+fn with_digits(v: f64, digits: i32) -> String {
     if !v.is_finite() || v == 0.0 {
         return v.to_string();
     }
-    let decimals = (2 - v.abs().log10().floor() as i32).clamp(0, 12) as usize;
+    let decimals = (digits - 1 - v.abs().log10().floor() as i32).clamp(0, 12) as usize;
     let text = format!("{v:.decimals$}");
     if text.contains('.') {
         text.trim_end_matches('0').trim_end_matches('.').into()
@@ -248,7 +255,9 @@ impl Found {
     pub fn break_text(&self, of: &Gain) -> Option<String> {
         // (Any axis' column has the unit of all.)
         let unit = self.column().and_then(|c| columns::find(&c.replace('?', "x"))).map_or("", |(c, _)| c.unit);
-        of.break_value.map(|v| format!("{} {unit}", three_digits(v)))
+        // (It may be a thousandth of an offset that says where it is.)
+        let value = |v| with_digits(v, 6);
+        of.break_value.map(|v| if unit == columns::AS_IT_COMES { value(v) } else { format!("{} {unit}", value(v)) })
     }
 
     /// The inner parameters in words, with 95 % intervals where they were refined.
@@ -256,6 +265,7 @@ impl Found {
     pub fn parameters_text(&self) -> String {
         let told = self.column().is_some();
         let one = |(n, v): (&String, &f64)| match self.parameter_std.get(n) {
+            Some(s) if s.is_infinite() => format!("{n} {} (these runs do not tell it)", three_digits(*v)),
             Some(s) => format!("{n} {} \u{b1} {}", three_digits(*v), three_digits(1.96 * s)),
             None => format!("{n} {}", three_digits(*v)),
         };

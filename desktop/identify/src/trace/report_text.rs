@@ -78,6 +78,9 @@ fn left_by_both(r: &Report, block: &ByAxis<OnVerify>) -> String {
     s
 }
 
+/// The note where structure is left and not all forms were tried.
+pub const NOT_OFFERED: &str = "the train runs pass no third of their temperatures twice the same way: forms that one heating and one cooling do not tell from what happened once were not tried (docs/trace.md, section 3); a profile that goes through the range twice offers them";
+
 /// First line: whether to burn, and what the image does.
 fn burn(r: &Report) -> String {
     let Some(block) = &r.block else {
@@ -102,10 +105,16 @@ fn burn(r: &Report) -> String {
         "on {} its error, the day's constant included, is larger than that of a constant alone, of no correction or of the baseline",
         list(&worse)
     );
+    let contradicted = contradicted(r);
+    let contradiction = format!(
+        "on {} a constant leaves less than what was learnt, and that is more than noise: the runs contradict each other there",
+        list(&contradicted)
+    );
     let why = match r.image {
         Image::Baseline if r.effects.is_empty() => return format!("Nothing beyond the baseline to burn: {figures}."),
         Image::Baseline => "no effect that a unit can compute was borne out, and the image is the baseline alone",
         _ if r.verify_repeats_train => "the verify run repeats the profile of a train run and shows nothing of other temperatures and ramps (--repeat-is-enough if the unit will never meet another)",
+        _ if !contradicted.is_empty() => &contradiction,
         _ if !worse.is_empty() => &worse_than,
         _ if !judged_good(r) => "the run that judges does not bear it out",
         _ if !axes.is_empty() => &elsewhere,
@@ -116,6 +125,10 @@ fn burn(r: &Report) -> String {
 }
 
 /// Axes on which the image may be worse than the baseline on another profile.
+fn contradicted(r: &Report) -> Vec<&String> {
+    r.judge.iter().filter(|(_, j)| j.contradicted).map(|(n, _)| n).collect()
+}
+
 fn uncertain_elsewhere(r: &Report) -> Vec<&String> {
     r.judge.iter().filter(|(_, j)| j.uncertain_elsewhere).map(|(n, _)| n).collect()
 }
@@ -282,12 +295,17 @@ fn next(r: &Report) -> String {
     let step = if r.burn && r.unexplained.values().all(|u| !u) {
         let enough = "no further run is needed for the calibration; check the constants with a run of another day";
         about_starts(r).unwrap_or_else(|| enough.to_string())
+    } else if !contradicted(r).is_empty() {
+        "compare the columns of the runs (exchanged axes, a sign, a unit), and that all are of one unit".to_string()
     } else if !r.burn && judged_good(r) && !uncertain_elsewhere(r).is_empty() {
         "record a run with a third profile and judge by it (--judge RUN)".to_string()
     } else {
         r.advice.first().cloned().unwrap_or_else(|| match r.verdict_kind {
             VerdictKind::NothingLacks if r.outside_fit > 0.5 => {
                 "learn from a run that passes the temperatures and ramps of the verify run".into()
+            }
+            VerdictKind::Unexplained if r.notes.iter().any(|n| n == NOT_OFFERED) => {
+                "learn from a run that goes through its temperatures twice: not all forms were tried".into()
             }
             VerdictKind::NothingLacks => "nothing; the baseline is all that these data warrant".into(),
             _ => "record a second train run with another profile: it separates the properties of the unit from those of one day".into(),

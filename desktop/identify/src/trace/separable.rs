@@ -9,7 +9,6 @@ use super::odds::THRESHOLD;
 use super::search::Search;
 use crate::fit::prepare;
 use hrg_core::effects::EffectId;
-use hrg_core::AXES;
 use hrg_data::error::BadInput;
 use hrg_data::recording::Recording;
 use serde::Serialize;
@@ -38,14 +37,16 @@ pub const SEEN: f64 = 0.02;
 pub fn judge(recordings: &[Recording], wanted: &[EffectId]) -> Result<Vec<Verdict>, BadInput> {
     let prepared = prepare(recordings)?;
     let data = Data::new(&prepared.runs, prepared.calibration.scaling, prepared.mean_lag_s());
-    let rows = data.axes.iter().map(|a| a.y.len()).min().unwrap_or(0);
+    // (An axis that the recording does not have is not judged.)
+    let there: Vec<usize> = data.axes.iter().map(|a| a.y.len()).filter(|n| *n > 0).collect();
+    let rows = there.iter().copied().min().unwrap_or(0);
     if rows < 40 {
         return Err(BadInput::new(format!("only {rows} usable means in the run; a profile of some hours is needed")));
     }
     let search = Search::new(&data);
     // An effect of that size counts so much in log-likelihood over all axes.
     let hundreds = (rows * data.block_s) as f64 / 100.0;
-    let weight = 0.5 * hundreds * SIZE * SIZE * AXES as f64;
+    let weight = 0.5 * hundreds * SIZE * SIZE * there.len() as f64;
     let limit = 1.0 - THRESHOLD / weight;
     Ok(search
         .overlaps(wanted)
@@ -85,6 +86,18 @@ mod tests {
     fn verdicts(profile: &str) -> Vec<Verdict> {
         let r = Plan::of(Profile::parse(profile).expect("fine"), 1, 1).simulate().recording;
         judge(&[r], &parted()).expect("usable")
+    }
+
+    #[test]
+    fn a_recording_of_one_axis_is_judged_by_it() {
+        let mut r = Plan::of(Profile::parse("cycle").expect("fine"), 1, 1).simulate().recording;
+        r.absent = [true, false, true];
+        for a in [0, 2] {
+            r.frequency_hz[a].fill(f64::NAN);
+            r.rate_dph[a].fill(f64::NAN);
+        }
+        let hysteresis = judge(&[r], &[hrg_core::effects::EffectId::Hysteresis]).expect("usable");
+        assert!(hysteresis[0].taken_for.is_empty(), "{hysteresis:?}");
     }
 
     #[test]

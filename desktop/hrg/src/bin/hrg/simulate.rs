@@ -107,6 +107,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
         positions,
         ..Plan::of(Profile::parse(&profile)?, unit, seed)
     };
+    plan.check()?;
     let mut simulated = plan.simulate();
     if defects {
         hrg_simulate::inject_defects(&mut simulated.recording, seed);
