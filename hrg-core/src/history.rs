@@ -261,17 +261,15 @@ impl History {
         let [bounds_dph, ..] = along_dph;
         let span = effects::span(term.id, &term.parameters);
         let fades = match span {
-            Span::Time(tau_s) => libm::expf(-(TURN as f32) * MODEL_STEP_S / tau_s),
+            Span::Time(tau_s) if main.may_agree() => libm::expf(-(TURN as f32) * MODEL_STEP_S / tau_s),
             _ => 1.0,
         };
         let each = past.iter_mut().zip(lost).zip(&thermal.axes).zip(bounds_dph.into_iter().zip(own_dph));
         for (k, (((past, lost), axis), (bound, own))) in each.enumerate() {
             let Place::Apart(before, most, _) = *past else { continue };
-            // What is left of the past at most, by time; of plays all of it until the copies' stand at the same places.
-            let met = matches!(span, Span::Range(_)) && low.memory(k) == high.memory(k);
-            let left = if met { 0.0 } else { fades * before };
-            // The copies of what passes zero meet and part again.
-            let least = if main.may_agree() { left } else { 0.0 };
+            // Where the copies may agree by chance, so much is left by time; of plays all of it until the copies' stand at the same places.
+            let mut met = || matches!(span, Span::Range(_)) && low.memory(k) == high.memory(k);
+            let least = if main.may_agree() && !met() { fades * before } else { 0.0 };
             let (factor, counted) = if main.times_temperature() {
                 let factor = |s: &Scaling| s.u_and_inside(axis.state.temperature_c).1;
                 (factor(&calibration.scaling), factor(&scaling))

@@ -239,6 +239,7 @@ fn a_burn_that_fails_says_what_the_unit_holds() {
     let mut c = Calibration::uncalibrated();
     c.set_unit_name("HRG-7");
     c.calibrated = true;
+    c.axes.iter_mut().for_each(|a| a.coefficients = hrg_core::bias::Coefficients::One([1.0; 6]));
     let save = |name: &str, c: &Calibration| hrg_data::image_file::save(&d.join(name), c).expect("written");
     save("one.toml", &c);
     c.axes[0].coefficients = hrg_core::bias::Coefficients::One([2.0; 6]);

@@ -417,7 +417,7 @@ mod tests {
         let (floor, mut within) = (0.3, [0, 0]);
         const UNITS: u32 = 40_000;
         for _ in 0..UNITS {
-            // What the prior says of a unit: a third of a floor with the weight of one day.
+            // The prior of a unit: a third of a floor with the weight of one day.
             let deviation = floor / 3.0 / drawn().abs();
             let (seen, next) = (deviation * drawn(), deviation * drawn());
             let stated = day_dph2(seen * seen, floor).sqrt();

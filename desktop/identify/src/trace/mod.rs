@@ -1106,7 +1106,7 @@ mod tests {
         assert!(Calibration::from_bytes(&t.image.to_bytes().expect("fits")).as_ref() == Ok(&t.image));
         let stated = t.image.axes.each_ref().map(|a| a.uncertainty.rest_dph2.sqrt());
         assert!(stated.iter().all(|s| *s > 10_000.0 && *s < 40_000.0), "{stated:?}");
-        // What no gyro has makes none, and the first line says why.
+        // Rates that no gyro has make none, and the first line says why.
         let large = |mut r: Recording| {
             r.rate_dph.iter_mut().flatten().for_each(|v| *v *= 1e9);
             r
