@@ -142,7 +142,7 @@ pub trait Effect: Sized {
     /// `true` if its regressors are the weights of the knots of a curve of the quantity that it remembers, or of time.
     const CURVE: bool = false;
     /// `true` if its regressors say the same of two pasts while it still remembers them: it swings, settles by temperature, or is a square.
-    /// What it remembers dies away by the time of its [`span`](Self::span), or when the temperature has swept it.
+    /// Its memory dies away by the time of its [`span`](Self::span), or when the temperature has swept it.
     const MAY_AGREE: bool = false;
     /// `true` if all of its regressors are products with normalised temperature.
     const TIMES_TEMPERATURE: bool = false;
