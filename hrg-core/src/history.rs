@@ -267,7 +267,7 @@ impl History {
         let each = past.iter_mut().zip(lost).zip(&thermal.axes).zip(bounds_dph.into_iter().zip(own_dph));
         for (k, (((past, lost), axis), (bound, own))) in each.enumerate() {
             let Place::Apart(before, most, _) = *past else { continue };
-            // Where the copies may agree by chance, so much is left by time; of plays all of it until the copies' stand at the same places.
+            // So much is left by time if the copies may agree by chance; of plays all of it until they stand at the same places.
             let mut met = || matches!(span, Span::Range(_)) && low.memory(k) == high.memory(k);
             let least = if main.may_agree() && !met() { fades * before } else { 0.0 };
             let (factor, counted) = if main.times_temperature() {
