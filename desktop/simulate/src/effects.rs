@@ -179,6 +179,9 @@ impl EffectSpec {
                 (_, Some((at, v))) if must_be_positive(source, at) && (v as f32) <= 0.0 => {
                     return Err(BadInput::new(format!("effect {name}: {} is {v}; give a number above 0", names[at])));
                 }
+                (_, Some((at, v))) if names[at].ends_with("_c") && v.abs() > 1000.0 => {
+                    return Err(BadInput::new(format!("effect {name}: {} is {v} C; no gyro comes there", names[at])));
+                }
                 (_, Some((at, v))) if names[at].ends_with("_s") && v < 0.0 => {
                     return Err(BadInput::new(format!(
                         "effect {name}: {} is {v}; give a time of 0 or more",
@@ -303,6 +306,7 @@ mod tests {
             ("thermal-lag:size=1e300", "give a number"),
             ("thermal-lag:tau_s=1e-50", "give a number above 0"),
             ("timebase:lag_s=-5", "give a time of 0 or more"),
+            ("ramp-band:middle_c=1e30", "no gyro comes there"),
         ] {
             let refused = EffectSpec::parse(text).expect_err("refused").0;
             assert!(refused.contains(told), "{text}: {refused}");
