@@ -89,8 +89,6 @@ pub struct Model<P> {
     thermometer: Thermometer,
     /// Of each effect of the calibration: its states.
     running: Vec<OnUnit, MAX_EFFECTS>,
-    /// `UNCALIBRATED` for an axis of which the image holds nothing.
-    empty: [AxisStatus; AXES],
     /// Axes with an effect that looks at the others.
     looks_at_neighbours: [bool; AXES],
     /// Inputs beside the frequencies as they were given last, and the last good ones.
@@ -136,7 +134,6 @@ impl<P: Past> Model<P> {
         }
         Self {
             given: Quantities::NONE,
-            empty: [calibration.held(0), calibration.held(1), calibration.held(2)],
             held: Held::new(&calibration),
             past: P::unknown(&calibration.effects),
             calibration,
@@ -244,7 +241,7 @@ impl<P: Past> Model<P> {
             factors: Factors::UNIT,
             specific_force: SpecificForce::NONE,
             on_for_s: thermal.time_s,
-            status: self.empty,
+            status: [0, 1, 2].map(|k| self.calibration.held(k)),
         };
         for k in 0..AXES {
             let now = &thermal.axes[k];
