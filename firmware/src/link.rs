@@ -58,6 +58,15 @@ fn must_be_intact(fast: &Fast) {
     }
 }
 
+/// The same where a message that is sent seldom is one of the rate path: those come by its queue alone, and are looked at there.
+#[inline(never)]
+fn must_be_seldom(message: &Message) {
+    if matches!(message, Message::Rate(_) | Message::Increments(_)) {
+        defmt::error!("a message has changed in memory");
+        halt(Halt::Corruption)
+    }
+}
+
 /// Appends a message of the rate path in the link's own framing.
 fn append(fast: &Fast, bytes: &mut heapless::Vec<u8, { hrg_fast::FAST }>) {
     match fast {
@@ -99,6 +108,7 @@ pub async fn send(mut uart: UartTx<'static, Async>) {
                 None => continue,
             },
         };
+        must_be_seldom(&message);
         // (There may be more; rates go out before it.)
         NEWS.signal(());
         #[cfg(feature = "mavlink")]

@@ -89,6 +89,8 @@ pub struct Model<P> {
     thermometer: Thermometer,
     /// Of each effect of the calibration: its states.
     running: Vec<OnUnit, MAX_EFFECTS>,
+    /// `UNCALIBRATED` for an axis of which the calibration holds nothing.
+    holds: [AxisStatus; AXES],
     /// Axes with an effect that looks at the others.
     looks_at_neighbours: [bool; AXES],
     /// Inputs beside the frequencies as they were given last, and the last good ones.
@@ -135,6 +137,7 @@ impl<P: Past> Model<P> {
         Self {
             given: Quantities::NONE,
             held: Held::new(&calibration),
+            holds: [calibration.status_of(0), calibration.status_of(1), calibration.status_of(2)],
             past: P::unknown(&calibration.effects),
             calibration,
             thermometer: Thermometer::new(curves, power_on_s),
@@ -241,7 +244,7 @@ impl<P: Past> Model<P> {
             factors: Factors::UNIT,
             specific_force: SpecificForce::NONE,
             on_for_s: thermal.time_s,
-            status: [0, 1, 2].map(|k| self.calibration.held(k)),
+            status: self.holds,
         };
         for k in 0..AXES {
             let now = &thermal.axes[k];

@@ -478,7 +478,7 @@ fn unseen_steps(
     let mut learnt = prepared.runs.clone();
     enough_data::agree_on_means(&mut learnt.iter_mut().chain(&mut runs).collect::<Vec<_>>());
     for (run, r) in runs.iter().zip(verify) {
-        enough_data::require(run, if r.source.is_empty() { "the verify run" } else { &r.source })?;
+        enough_data::require(run, r.source_or("the verify run"))?;
     }
     Ok(runs.into_iter().map(|r| r.steps).collect())
 }

@@ -116,15 +116,14 @@ impl Profile {
                 "profile: no chamber goes to {t} C; give temperatures from {least} to {most} C"
             )));
         }
-        let hours = profile.legs.iter().fold((start_c, 0.0), |(now_c, hours), leg| match leg {
+        let (_, hours) = profile.legs.iter().fold((start_c, 0.0), |(now_c, hours), leg| match leg {
             Leg::Ramp(target_c, rate) => (*target_c, hours + (target_c - now_c).abs() / rate / 60.0),
             Leg::Soak(s) => (now_c, hours + s / 3600.0),
             Leg::SetPoint(target_c) | Leg::UntilGyros(target_c) => (*target_c, hours),
         });
-        if !(hours.1 <= MOST_HOURS) {
+        if !(hours <= MOST_HOURS) {
             return Err(BadInput::new(format!(
-                "profile: it takes {:.0} h; a run takes {MOST_HOURS} h at the most",
-                hours.1
+                "profile: it takes {hours:.0} h; a run takes {MOST_HOURS} h at the most"
             )));
         }
         match profile.walk().1 {

@@ -248,7 +248,7 @@ impl Calibration {
     /// `UNCALIBRATED` where it holds no bias of an axis: no coefficient, and no gain of an effect. An image that was learnt from one gyro says
     /// nothing of the others.
     #[must_use]
-    pub fn held(&self, axis: usize) -> AxisStatus {
+    pub fn status_of(&self, axis: usize) -> AxisStatus {
         let none = |k: &[f32]| k.iter().all(|k| *k == 0.0);
         let base = |a: &Axis| !matches!(&a.coefficients, Coefficients::One(k) if none(k));
         let gains = |t: &EffectTerm| t.gains.get(axis).is_some_and(|g| !none(g));

@@ -339,6 +339,16 @@ impl Recording {
         out
     }
 
+    /// The file that it was read from, or `otherwise` where there is none.
+    #[must_use]
+    pub fn source_or<'a>(&'a self, otherwise: &'a str) -> &'a str {
+        if self.source.is_empty() {
+            otherwise
+        } else {
+            &self.source
+        }
+    }
+
     /// Usual time between rows, s.
     #[must_use]
     pub fn step_s(&self) -> f64 {

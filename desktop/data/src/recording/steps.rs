@@ -64,7 +64,7 @@ impl Steps {
     /// # Errors
     /// If it is too short for any statement (less than three minutes), or its rows are so far apart that nobody knows the temperature between them.
     pub fn new(r: &Recording) -> Result<Self, BadInput> {
-        let name = if r.source.is_empty() { "the recording" } else { &r.source };
+        let name = r.source_or("the recording");
         if r.step_s() > BRIDGE_S {
             return Err(BadInput::new(format!(
                 "{name}: the rows are {:.0} s apart by column time_s, and the temperature is followed over gaps of {BRIDGE_S} s at the most; if the times are not in seconds, state their unit in a map (hrg import --map)",

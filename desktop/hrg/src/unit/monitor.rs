@@ -144,14 +144,14 @@ pub fn draw(frame: &mut Frame<'_>, state: &State) {
     } else {
         Span::raw(format!("image {:08x} no. {} of {}", h.calibration, h.sequence, date(h.created_unix_s)))
     };
-    // (As correct::WITHOUT_TURN_ON says it, in the room that there is.)
+    // (As correct::TURN_ON says it, in the room that there is.)
     let stated = h.bias_std_dph.iter().any(|s| s.is_finite());
-    let without = if stated { "   \u{b1} holds the turn-on constant if two runs told it" } else { "" };
+    let about = if stated { "   \u{b1} may lack the turn-on constant" } else { "" };
     let mode = mode::NAMES.get(usize::from(h.mode)).copied().unwrap_or("?");
     frame.render_widget(
         Paragraph::new(vec![
             Line::from(vec![Span::styled(format!("unit {name}  "), bold), image]),
-            Line::from(format!("on for {}   mode {mode}   q ends{without}", clock(h.time_ms))),
+            Line::from(format!("on for {}   mode {mode}   q ends{about}", clock(h.time_ms))),
         ]),
         head,
     );

@@ -429,7 +429,7 @@ impl Family {
                 "the rates of the family {} are {} the earth's rate, those of {} {} it: {}",
                 self.name,
                 with(self.without_earth_rate),
-                if r.source.is_empty() { "this unit" } else { &r.source },
+                r.source_or("this unit"),
                 with(r.without_earth_rate()),
                 if self.without_earth_rate {
                     "give --latitude and --axes"

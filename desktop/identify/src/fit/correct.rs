@@ -295,7 +295,7 @@ fn written(source: &Recording) -> [Written<Second>; 8] {
 }
 
 /// Caveat of each stated uncertainty of a bias, printed wherever one is shown.
-pub const WITHOUT_TURN_ON: &str =
+pub const TURN_ON: &str =
     "the uncertainty of a bias (bias_std) holds the constant that changes with each power-on only where more than one run told it: several train runs, the verify run of hrg trace, or a family";
 
 /// Seconds as a recording of corrected rates, with raw rates and the rest beside them. `how`: what made them, for the metadata.
@@ -336,7 +336,7 @@ pub fn to_csv(
     if source.thermometer.is_sensor() {
         s.push_str("# thermometer: sensor\n");
     }
-    let _ = writeln!(s, "# note: {WITHOUT_TURN_ON}");
+    let _ = writeln!(s, "# note: {TURN_ON}");
     let present: Vec<usize> = source.present().collect();
     let written = written(source);
     s.push_str(&columns::header(&written, &present));

@@ -159,7 +159,7 @@ fn prepare_by(
     let mut runs: Vec<Run> = steps.into_iter().map(|s| Run::new(s, curves)).collect();
     notes.extend(enough_data::agree_on_means(&mut runs.iter_mut().collect::<Vec<_>>()));
     for (run, r) in runs.iter().zip(recordings) {
-        let name = if r.source.is_empty() { "the run" } else { &r.source };
+        let name = r.source_or("the run");
         enough_data::require(run, name)?;
         notes.extend(enough_data::few(run, name));
     }

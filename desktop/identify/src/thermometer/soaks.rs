@@ -77,7 +77,7 @@ impl Means {
 /// # Errors
 /// If it has no resonator, no sensor to refer it to, or no soak.
 pub fn find(r: &Recording, settled: &Settled) -> Result<Vec<Soak>, BadInput> {
-    let name = if r.source.is_empty() { "the run" } else { &r.source };
+    let name = r.source_or("the run");
     if r.thermometer.is_sensor() {
         return Err(BadInput::new(format!(
             "{name} has temperature sensors and no resonators: there is no curve of frequency to find"

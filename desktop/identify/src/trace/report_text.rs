@@ -124,11 +124,12 @@ fn burn(r: &Report) -> String {
     format!("Do not burn: {why}. {figures}.")
 }
 
-/// Axes on which the image may be worse than the baseline on another profile.
+/// Axes on which the runs contradict each other.
 fn contradicted(r: &Report) -> Vec<&String> {
     r.judge.iter().filter(|(_, j)| j.contradicted).map(|(n, _)| n).collect()
 }
 
+/// Axes on which the image may be worse than the baseline on another profile.
 fn uncertain_elsewhere(r: &Report) -> Vec<&String> {
     r.judge.iter().filter(|(_, j)| j.uncertain_elsewhere).map(|(n, _)| n).collect()
 }

@@ -68,7 +68,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for note in notes {
         println!("note: {note}");
     }
-    println!("note: {}", correct::WITHOUT_TURN_ON);
+    println!("note: {}", correct::TURN_ON);
     let axes: Vec<usize> = r.present().collect();
     let flagged = seconds.iter().filter(|s| s.status[3] != 0 || axes.iter().any(|a| s.status[*a] != 0)).count();
     let outside = (AxisStatus::TEMPERATURE_RANGE | AxisStatus::RAMP_RANGE).bits();

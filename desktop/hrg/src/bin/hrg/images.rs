@@ -102,7 +102,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         values[0][0].last().map_or(f64::NAN, |v| v.temperature_c)
     );
     println!("sigmas: root mean square over temperature of the change over its standard deviation; about 1 where only noise changed");
-    println!("{}", hrg_identify::fit::correct::WITHOUT_TURN_ON);
+    println!("{}", hrg_identify::fit::correct::TURN_ON);
     match images::trends(&all, &quantities, &values) {
         Ok(trends) => say_trends(&trends, arguments.limit),
         Err(e) if all.len() > 2 => println!("no trend: {e}"),
