@@ -12,6 +12,7 @@ use super::unseen::Unseen;
 use crate::fit;
 use hrg_core::bias::{Coefficients, Scaling, TERMS};
 use hrg_core::calibration::{Axis, Calibration, Uncertainty};
+use hrg_core::visited::Visited;
 use hrg_core::AXES;
 use hrg_data::error::BadInput;
 use hrg_data::numeric::stats::{mean, std_dev};
@@ -117,9 +118,9 @@ impl Fits<'_> {
             () if models.contains(&AxisModel::Baseline) => Image::Baseline,
             () => Image::None,
         };
+        let left = fit::correct(&image, &verify.run.steps);
         let of_judge = judge.map(predictions);
         let runs: Vec<&Unseen<'_>> = std::iter::once(verify).chain(judge).collect();
-        let chosen = corrected(&image);
         let judged = self.judged((&image, &plain), &of_judge.unwrap_or(of_verify), &runs, models, constants);
         let names = hrg_data::axes::AXIS_NAMES;
         let extended = verify.run.steps.present().filter(|a| models[*a] == AxisModel::Extended);
@@ -128,14 +129,9 @@ impl Fits<'_> {
             let j = judged[names[a]];
             (models[a] == AxisModel::Extended && j.agreement.loses()) || j.worse_than_a_constant || j.contradicted
         });
-        let predicted = [0, 1, 2].map(|a: usize| {
-            let fitted = if models[a] == AxisModel::Extended { self.extended } else { self.beside };
-            fitted.predicted_variance(verify.run, scaling, a, &unit)
-        });
-        for a in verify.run.steps.present().filter(|a| models[*a] != AxisModel::Constant) {
-            state_left(&mut image.axes[a].uncertainty, &chosen[a], &verify.noise[a], predicted[a]);
-        }
+        let chosen = left.each_ref().map(|left| verify.means(left));
         self.state_unvisited(&mut image, scaling, models);
+        let predicted = self.state_left(&mut image, verify, models, &left);
         // (A number that no image can hold, as the uncertainty of a gyro that leaves thousands of deg/h.)
         let kind = readable(kind, &mut image, &baseline, notes);
         let figures = (kind != Image::None).then(|| on_verify(verify, &chosen, &predicted, models));
@@ -167,6 +163,28 @@ impl Fits<'_> {
             }
         }
         (plain, chosen)
+    }
+
+    /// Writes into each axis what the verify run shows to be left beyond what is stated, where the runs of the fit have been and where not. `left`: what the
+    /// image leaves, by step. Gives by axis the variances that the uncertain coefficients add to the whole run: about their mean, and of the mean.
+    fn state_left(
+        &self,
+        image: &mut Calibration,
+        verify: &Unseen<'_>,
+        models: [AxisModel; AXES],
+        left: &[Vec<f64>; AXES],
+    ) -> [(f64, f64); AXES] {
+        let predicted = |a: usize, rows: &dyn Fn(usize) -> bool| {
+            let fitted = if models[a] == AxisModel::Extended { self.extended } else { self.beside };
+            fitted.predicted_variance(verify.run, &self.data.scaling, a, &|c| c.on_unit(), rows)
+        };
+        for a in verify.run.steps.present().filter(|a| models[*a] != AxisModel::Constant) {
+            let (axis, noise) = (&mut image.axes[a], &verify.noise[a]);
+            let inside = Inside::new(axis, verify, a, &left[a]);
+            state_left(&mut axis.uncertainty, &inside, noise, predicted(a, &|k| inside.rows[k]));
+            state_left_outside(axis, verify, a, (&left[a], &inside), noise.floor());
+        }
+        [0, 1, 2].map(|a| predicted(a, &|_| true))
     }
 
     /// Writes into each axis how uncertain its bias is where the runs of the fit have not been.
@@ -300,40 +318,97 @@ fn is_worse(left: &Means, other: &Means, constant: f64, shift: f64) -> bool {
     square(left.deviation(), least) > square(other.deviation(), theirs)
 }
 
+/// Rows of a verify run of which an image knows temperature and ramp: on the others it states what it may do there ([`Fits::state_unvisited`]).
+struct Inside {
+    /// By step. All of them, where they are too few to tell a variance: where its deviation is as large as itself.
+    rows: Vec<bool>,
+    /// Means of what the image leaves there.
+    left: Means,
+}
+
+impl Inside {
+    /// `left`: what the image leaves of an axis, by step.
+    fn new(axis: &Axis, verify: &Unseen<'_>, a: usize, left: &[f64]) -> Self {
+        let ranges = axis.ranges();
+        let is_known = |k| verify.run.state(k, a).is_some_and(|(t, r)| axis.visited.knows(&ranges, t, r));
+        let rows: Vec<bool> = (0..left.len()).map(is_known).collect();
+        let masked: Vec<f64> = left.iter().zip(&rows).map(|(v, known)| if *known { *v } else { f64::NAN }).collect();
+        let inside = verify.means(&masked);
+        if inside.spread_of_square() < 1.0 {
+            Self { rows, left: inside }
+        } else {
+            Self { rows: vec![true; left.len()], left: verify.means(left) }
+        }
+    }
+}
+
 /// Adds to the stated uncertainty what the verify run shows the model to leave beyond the noise, and how far the constant moves from day to
-/// day. `predicted`: what the coefficients are uncertain by, about the mean and of the mean, which is stated already.
-fn state_left(uncertainty: &mut Uncertainty, left: &Means, noise: &Noise, predicted: (f64, f64)) {
+/// day. `predicted`: what the coefficients are uncertain by on the same rows, about the mean and of the mean, which is stated already.
+fn state_left(uncertainty: &mut Uncertainty, inside: &Inside, noise: &Noise, predicted: (f64, f64)) {
     if uncertainty.rest_dph2 > 0.0 {
+        let (left, floor_dph2) = (&inside.left, noise.floor().powi(2));
         let shift_dph2 = left.mean().powi(2) - noise.shift().powi(2) - predicted.1;
-        let more = misfit_dph2(left, noise, predicted.0) + day_dph2(shift_dph2, noise.floor());
+        let ratio = noise.ratio(left.deviation(), 0.0);
+        // (The two bounds are 2 x 1.96 deviations of the logarithm of the deviation apart, and its square has twice that.)
+        let floor_std = floor_dph2 * (ratio.high / ratio.low).ln() / 1.96;
+        let square = (left.deviation().powi(2), left.spread_of_square());
+        let more = misfit_dph2(square, (floor_dph2, floor_std), predicted.0) + day_dph2(shift_dph2, noise.floor());
         uncertainty.rest_dph2 += more as f32;
     }
 }
 
-/// Variance that a model leaves on a run beyond the noise and beyond what its coefficients are known to be uncertain by, (deg/h)^2: its mean
-/// over none and values from a fifth of a floor to 36 floors. Before the run is seen there is one or none at even odds, and each power of
-/// two is as probable as another.
-fn misfit_dph2(left: &Means, noise: &Noise, known_dph2: f64) -> f64 {
-    let floor = noise.floor();
-    let ratio = noise.ratio(left.deviation(), 0.0);
-    let squared = |r: f64| (left.deviation() / r).powi(2);
-    let floor_std = (squared(ratio.low) - squared(ratio.high)) / (2.0 * 1.96);
-    let excess = left.deviation().powi(2) - floor * floor - known_dph2;
-    const VALUES: i32 = 16;
-    let values = (0..VALUES).map(|k| (floor * floor * 0.04 * 2f64.powi(k), 1.0 / f64::from(VALUES)));
+/// Raises what an axis is uncertain by where the runs of the fit have not been to what the verify run shows there, if it is more. `left`: what the
+/// image leaves, by step.
+fn state_left_outside(
+    axis: &mut Axis,
+    verify: &Unseen<'_>,
+    a: usize,
+    (left, inside): (&[f64], &Inside),
+    floor_dph: f64,
+) {
+    let ranges = axis.ranges();
+    let of_one = Visited { unvisited_dph2: 1.0, ..axis.visited };
+    // For each step outside: how often the variance counts there. (Next to the ranges it hardly does: what is left there is no measure of it.)
+    let weight = |k: usize| {
+        let (t, r) = verify.run.state(k, a).filter(|_| !inside.rows[k])?;
+        of_one.more_dph2(&ranges, t, r, || 0.0).map(|w| f64::from(w.max(1.0)))
+    };
+    let weights: Vec<f64> = (0..left.len()).map(|k| weight(k).unwrap_or(f64::NAN)).collect();
+    let off = left.iter().zip(&weights).map(|(v, w)| if w.is_finite() { v - inside.left.mean() } else { f64::NAN });
+    let off = verify.means(&off.collect::<Vec<_>>());
+    if off.count() > 0 {
+        let square = off.deviation().powi(2) + off.mean().powi(2);
+        let more = square - floor_dph * floor_dph - f64::from(axis.uncertainty.rest_dph2);
+        let seen_dph2 = more / verify.means(&weights).mean();
+        axis.visited.unvisited_dph2 = axis.visited.unvisited_dph2.max(seen_dph2 as f32);
+    }
+}
+
+/// Variance that an image leaves beyond the noise and beyond what its coefficients are stated to be uncertain by, (deg/h)^2: the mean of both parts of
+/// what it is off by, once a run was seen, less what is stated. What the coefficients do is the square of a normal number; a misfit is none or from a
+/// fifth of a floor to 36 floors: before the run is seen there is one or none at even odds, and each power of two is as probable as another.
+///
+/// `square`: what is left about its mean, (deg/h)^2, with its relative deviation; `floor`: that of noise alone with its deviation; `stated_dph2`:
+/// what the coefficients add on average. What is left is a sum of squares, none of them below zero, so logarithms are compared.
+fn misfit_dph2(square: (f64, f64), floor: (f64, f64), stated_dph2: f64) -> f64 {
+    // (Half a power of two apart.)
+    const VALUES: i32 = 31;
+    let ((square, spread), (floor_dph2, floor_std)) = (square, floor);
+    let values = (0..VALUES).map(|k| (floor_dph2 * 0.04 * 2f64.powf(0.5 * f64::from(k)), 1.0 / f64::from(VALUES)));
     let (mut sum, mut mean) = (0.0, 0.0);
-    for (m, prior) in std::iter::once((0.0, 1.0)).chain(values) {
-        // A misfit is known by its few slow swings in a run: to a third.
-        let std = (floor_std * floor_std + (m / 3.0).powi(2)).sqrt();
-        let density = prior * (-0.5 * ((excess - m) / std).powi(2)).exp() / std;
-        sum += density;
-        mean += density * m;
+    for (misfit_dph2, prior) in std::iter::once((0.0, 1.0)).chain(values) {
+        for normal in (0..=16).map(|k| f64::from(k) / 4.0) {
+            let off_dph2 = stated_dph2 * normal * normal + misfit_dph2;
+            let expected = floor_dph2 + off_dph2;
+            let std = spread.hypot(floor_std / expected);
+            let distance = (square / expected).ln() / std;
+            let density = prior * (-0.5 * (normal * normal + distance * distance)).exp() / std;
+            sum += density;
+            mean += density * off_dph2;
+        }
     }
-    if sum > 0.0 {
-        mean / sum
-    } else {
-        excess.max(0.0)
-    }
+    let off_dph2 = if sum > 0.0 { mean / sum } else { square - floor_dph2 };
+    (off_dph2 - stated_dph2).max(0.0)
 }
 
 /// Variance of the constant from one day to another, (deg/h)^2, from the square of one shift (noise taken off): 68.3 % of the next shifts are
@@ -406,9 +481,35 @@ fn can_be_read(image: &Calibration) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::day_dph2;
+    use super::{day_dph2, misfit_dph2};
     use rand_chacha::rand_core::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
+
+    #[test]
+    fn a_misfit_is_not_larger_than_what_is_left() {
+        // With coefficients of any uncertainty, a floor known well or badly, in many swings or a few.
+        for square in [0.3, 0.8, 1.0, 1.2, 2.0, 10.0, 100.0] {
+            for stated in [0.0, 0.1, 1.0, 10.0, 100.0] {
+                for (spread, floor_std) in [(0.1, 0.05), (0.1, 0.5), (0.3, 0.2), (0.6, 0.2)] {
+                    let misfit = misfit_dph2((square, spread), (1.0, floor_std), stated);
+                    assert!(
+                        (0.0..1.0 + 1.5 * square).contains(&misfit),
+                        "{misfit}: {square} {spread} {stated} {floor_std}"
+                    );
+                }
+            }
+        }
+        // All of it, where nothing else explains it, and where the coefficients do: they are the same on the next run. Nothing, where the floor does.
+        for stated in [0.0, 1.0, 10.0] {
+            let more = |square: f64| misfit_dph2((square, 0.2), (1.0, 0.1), stated);
+            assert!(
+                ((more(26.0) + stated) / 25.0 - 1.0).abs() < 0.1 && more(1.0) < 0.05,
+                "{} {}",
+                more(26.0),
+                more(1.0)
+            );
+        }
+    }
 
     #[test]
     fn the_stated_shift_holds_the_next_one_as_often_as_a_standard_deviation_does() {

@@ -408,7 +408,7 @@ fn structure(
     left.iter_mut().zip(on_verify).for_each(|(left, more)| left.extend(more));
     left.iter_mut().zip(leftover::swings(data, fitted)).for_each(|(left, more)| left.extend(more));
     let floor_ratio = by_axis(|a| {
-        let (more, _) = fitted.predicted_variance(verify.run, &data.scaling, a, known);
+        let (more, _) = fitted.predicted_variance(verify.run, &data.scaling, a, known, &|_| true);
         verify.noise[a].ratio(verify.means(&verify.happened.left[a]).deviation(), more)
     });
     for (left, ratio) in left.iter_mut().zip(floor_ratio.values()).filter(|(_, r)| r.ratio.is_finite() && !r.is_noise())
@@ -790,7 +790,10 @@ fn run_has(run: &Run, train: &[Run], c: &Candidate, scaling: &Scaling) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fit::correct::Second;
+    use hrg_core::status::AxisStatus;
     use hrg_data::cards::Class;
+    use hrg_data::numeric::stats::{block_means, mean};
     use hrg_simulate::{inject_defects, EffectSpec, Plan, Profile};
     use means::Means;
 
@@ -1126,6 +1129,48 @@ mod tests {
             let stated = f64::from(by_unit[by_unit.len() / 2].bias_std_dph[a]).powi(2);
             assert!(excess > 0.0 && stated >= 0.999 * excess, "{n}: {stated} stated, {excess} left");
         }
+    }
+
+    #[test]
+    fn what_was_left_elsewhere_makes_nothing_uncertain_where_the_train_runs_have_been() {
+        // The kink begins where the train run has not been.
+        let effects = ["kink:size=3,break_c=45"];
+        let train = plan("20,-20@1,1h,35@1,1h,0@1,35@1,-20@1,20@1", &effects, 36, 73);
+        let t = trace(&[train], &plan("verify", &effects, 36, 74)).expect("traces");
+        for (a, n) in AXIS_NAMES.iter().enumerate() {
+            let left = t.report.block.as_ref().expect("an image")[*n].verify_rms_dph;
+            let (floor, stated) =
+                (t.report.noise_floor_dph[*n], f64::from(t.image.axes[a].uncertainty.rest_dph2).sqrt());
+            assert!(left > 2.0 * floor && stated < floor, "{n}: {stated} stated, {left} left, a floor of {floor}");
+        }
+        // Beyond, the image states at least what was left there.
+        let seconds = crate::fit::correct::correct(&t.image, &t.verify.steps);
+        for (a, n) in AXIS_NAMES.iter().enumerate() {
+            let outside = |of: &dyn Fn(&Second) -> f32| {
+                let is_flagged = |s: &Second| s.status[a] & AxisStatus::EXTRAPOLATED.bits() != 0;
+                let column = seconds.iter().map(|s| if is_flagged(s) { f64::from(of(s)) } else { f64::NAN });
+                let means = block_means(&column.collect::<Vec<_>>(), 100);
+                mean(&means.iter().map(|m| m * m).collect::<Vec<_>>()).sqrt()
+            };
+            let (left, stated) = (outside(&|s| s.corrected_dph[a]), outside(&|s| s.bias_std_dph[a]));
+            assert!(stated > 0.8 * left && left > 1.0, "{n}: {stated} stated, {left} left");
+        }
+    }
+
+    #[test]
+    fn lost_temperatures_make_a_baseline_no_more_uncertain() {
+        let (train, verify) = (plan("cycle", &[], 37, 75), plan("verify", &[], 37, 76));
+        let mut gaps = train.clone();
+        for from in [6000, 12_000, 18_000] {
+            gaps.frequency_hz.iter_mut().for_each(|f| f[from..from + 900].fill(f64::NAN));
+        }
+        let stated = |train: Recording| {
+            let t = trace(&[train], &verify).expect("traces");
+            assert_eq!(t.report.image, Image::Baseline);
+            t.image.axes.each_ref().map(|a| a.uncertainty.rest_dph2.sqrt())
+        };
+        let (whole, gaps) = (stated(train), stated(gaps));
+        assert!(whole.iter().zip(gaps).all(|(w, g)| g < 2.0 * w), "{whole:?} {gaps:?}");
     }
 
     #[test]

@@ -380,22 +380,27 @@ impl Fitted {
         })
     }
 
-    /// Variance that the uncertainty of the coefficients adds to the means of a run: about their mean, and of their mean.
+    /// Variance that the uncertainty of the coefficients adds to the means of some rows of a run: about their mean, and of their mean.
     pub fn predicted_variance(
         &self,
         run: &Run,
         scaling: &Scaling,
         a: usize,
         which: &dyn Fn(&Candidate) -> bool,
+        of_rows: &dyn Fn(usize) -> bool,
     ) -> (f64, f64) {
+        let means = |column: &[f64]| {
+            let kept = column.iter().enumerate().map(|(k, v)| if of_rows(k) { *v } else { f64::NAN });
+            block_means(&kept.collect::<Vec<_>>(), run.steps.mean_s)
+        };
         let mut columns: Vec<(usize, Vec<f64>)> =
-            baseline_columns(run, scaling, a).iter().map(|c| block_means(c, run.steps.mean_s)).enumerate().collect();
+            baseline_columns(run, scaling, a).iter().map(|c| means(c)).enumerate().collect();
         let count = columns[0].1.len();
         columns.extend(self.lasting(a).into_iter().map(|at| (at, vec![1.0; count])));
         for (e, t) in self.terms().iter().enumerate().filter(|(_, t)| which(t.lead())) {
             let Some(range) = self.gains(e, a) else { continue };
             for (column, at) in t.on_run(run, None, scaling, a).iter().zip(range) {
-                columns.push((at, block_means(column, run.steps.mean_s)));
+                columns.push((at, means(column)));
             }
         }
         let p = columns.len();
