@@ -181,7 +181,7 @@ impl Fits<'_> {
         for a in verify.run.steps.present().filter(|a| models[*a] != AxisModel::Constant) {
             let (axis, noise) = (&mut image.axes[a], &verify.noise[a]);
             let inside = Inside::new(axis, verify, a, &left[a]);
-            state_left(&mut axis.uncertainty, &inside, noise, predicted(a, &|k| inside.rows[k]));
+            state_left_inside(&mut axis.uncertainty, &inside, noise, predicted(a, &|k| inside.rows[k]));
             state_left_outside(axis, verify, a, (&left[a], &inside), noise.floor());
         }
         [0, 1, 2].map(|a| predicted(a, &|_| true))
@@ -344,7 +344,7 @@ impl Inside {
 
 /// Adds to the stated uncertainty what the verify run shows the model to leave beyond the noise, and how far the constant moves from day to
 /// day. `predicted`: what the coefficients are uncertain by on the same rows, about the mean and of the mean, which is stated already.
-fn state_left(uncertainty: &mut Uncertainty, inside: &Inside, noise: &Noise, predicted: (f64, f64)) {
+fn state_left_inside(uncertainty: &mut Uncertainty, inside: &Inside, noise: &Noise, predicted: (f64, f64)) {
     if uncertainty.rest_dph2 > 0.0 {
         let (left, floor_dph2) = (&inside.left, noise.floor().powi(2));
         let shift_dph2 = left.mean().powi(2) - noise.shift().powi(2) - predicted.1;

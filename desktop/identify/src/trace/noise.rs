@@ -404,7 +404,8 @@ mod tests {
             (0..n).map(|k| if k < from { 0.0 } else { (-((k - from) as f64) / tau).exp() }).collect()
         };
         let columns = [decay(18, 3.0), decay(18, 9.0), decay(18, 9.0)];
-        let filters = Filters::new(&relative, &[0, second]).beside(&columns);
+        let alone = Filters::new(&relative, &[0, second]);
+        let filters = alone.clone().beside(&columns);
         for (s, noise) in NOISE_MODELS.iter().enumerate() {
             let covariance = nalgebra::DMatrix::from_fn(n, n, |i, j| {
                 let together = (i < second) == (j < second);
@@ -428,6 +429,9 @@ mod tests {
             assert!((filters.steps(s, &x, second, n)[8] - dot(&x, &of_step)).abs() < 1e-9);
             assert!((filters.square_of_step(s, 20, n) - dot(&of_step, &of_step)).abs() < 1e-9);
             assert!((dot(&x, &filters.transposed(s, x.clone())) - dot(&x, &white)).abs() < 1e-9);
+            // The adjoint is that of the noise alone.
+            let back = filters.backwards(s, &x);
+            assert!((dot(&alone.whitened(s, &x), &back) - dot(&x, &x)).abs() < 1e-6);
         }
     }
 
