@@ -198,6 +198,15 @@ impl EffectSpec {
                 }
             }
         }
+        let place = |name: &str| names.iter().position(|n| *n == name);
+        if let (Some(low), Some(high)) = (place("low_c"), place("high_c")) {
+            let (low, high) = (spec.parameters[low], spec.parameters[high]);
+            if low >= high {
+                return Err(BadInput::new(format!(
+                    "effect {name}: low_c is {low} and high_c is {high}; give a low_c below high_c"
+                )));
+            }
+        }
         Ok(spec)
     }
 
@@ -307,6 +316,7 @@ mod tests {
             ("thermal-lag:tau_s=1e-50", "give a number above 0"),
             ("timebase:lag_s=-5", "give a time of 0 or more"),
             ("ramp-band:middle_c=1e30", "no gyro comes there"),
+            ("temperature-shape:low_c=5,high_c=-5", "low_c is 5 and high_c is -5; give a low_c below high_c"),
         ] {
             let refused = EffectSpec::parse(text).expect_err("refused").0;
             assert!(refused.contains(told), "{text}: {refused}");

@@ -174,17 +174,19 @@ impl Fits<'_> {
         models: [AxisModel; AXES],
         left: &[Vec<f64>; AXES],
     ) -> [(f64, f64); AXES] {
-        let predicted = |a: usize, rows: &dyn Fn(usize) -> bool| {
+        let run = verify.run;
+        [0, 1, 2].map(|a: usize| {
             let fitted = if models[a] == AxisModel::Extended { self.extended } else { self.beside };
-            fitted.predicted_variance(verify.run, &self.data.scaling, a, &|c| c.on_unit(), rows)
-        };
-        for a in verify.run.steps.present().filter(|a| models[*a] != AxisModel::Constant) {
-            let (axis, noise) = (&mut image.axes[a], &verify.noise[a]);
-            let inside = Inside::new(axis, verify, a, &left[a]);
-            state_left_inside(&mut axis.uncertainty, &inside, noise, predicted(a, &|k| inside.rows[k]));
-            state_left_outside(axis, verify, a, (&left[a], &inside), noise.floor());
-        }
-        [0, 1, 2].map(|a| predicted(a, &|_| true))
+            let moves = fitted.moves(run, &self.data.scaling, a, &|c| c.on_unit());
+            if models[a] != AxisModel::Constant && run.steps.present().any(|p| p == a) {
+                let (axis, noise) = (&mut image.axes[a], &verify.noise[a]);
+                let inside = Inside::new(axis, verify, a, &left[a]);
+                let predicted = moves.predicted_variance(|k| inside.rows[k]);
+                state_left_inside(&mut axis.uncertainty, &inside, noise, predicted);
+                state_left_outside(axis, verify, a, (&left[a], &inside), noise.floor());
+            }
+            moves.predicted_variance(|_| true)
+        })
     }
 
     /// Writes into each axis how uncertain its bias is where the runs of the fit have not been.
@@ -329,8 +331,7 @@ struct Inside {
 impl Inside {
     /// `left`: what the image leaves of an axis, by step.
     fn new(axis: &Axis, verify: &Unseen<'_>, a: usize, left: &[f64]) -> Self {
-        let ranges = axis.ranges();
-        let is_known = |k| verify.run.state(k, a).is_some_and(|(t, r)| axis.visited.knows(&ranges, t, r));
+        let is_known = |k| super::is_visited(axis, verify.run, a, k).unwrap_or(false);
         let rows: Vec<bool> = (0..left.len()).map(is_known).collect();
         let masked: Vec<f64> = left.iter().zip(&rows).map(|(v, known)| if *known { *v } else { f64::NAN }).collect();
         let inside = verify.means(&masked);

@@ -50,7 +50,7 @@ use data::{Candidate, Data, Starts};
 use exchange::{exchanged, second_search, shortest, LEAST_EXCHANGED};
 use found::OnVerify;
 use hrg_core::bias::Scaling;
-use hrg_core::calibration::Calibration;
+use hrg_core::calibration::{Axis, Calibration};
 use hrg_core::effects::{self, EffectId, Reach};
 use hrg_core::inputs::{Input, QuantitySet, LEAST_COUNTS_S};
 use hrg_core::AXES;
@@ -408,7 +408,7 @@ fn structure(
     left.iter_mut().zip(on_verify).for_each(|(left, more)| left.extend(more));
     left.iter_mut().zip(leftover::swings(data, fitted)).for_each(|(left, more)| left.extend(more));
     let floor_ratio = by_axis(|a| {
-        let (more, _) = fitted.predicted_variance(verify.run, &data.scaling, a, known, &|_| true);
+        let (more, _) = fitted.moves(verify.run, &data.scaling, a, known).predicted_variance(|_| true);
         verify.noise[a].ratio(verify.means(&verify.happened.left[a]).deviation(), more)
     });
     for (left, ratio) in left.iter_mut().zip(floor_ratio.values()).filter(|(_, r)| r.ratio.is_finite() && !r.is_noise())
@@ -681,7 +681,7 @@ fn about_recorded(prepared: &Prepared, all: &[&Run]) -> Vec<String> {
 
 /// File names of the runs, or what they are given as.
 fn named_files<'r>(train: &'r [Recording], verify: &'r Recording) -> Vec<(String, &'r Recording)> {
-    let name = |r: &Recording, role: String| if r.source.is_empty() { role } else { r.source.clone() };
+    let name = |r: &Recording, role: String| r.source_or(&role).to_string();
     let mut out: Vec<(String, &Recording)> =
         train.iter().enumerate().map(|(k, r)| (name(r, format!("train {}", k + 1)), r)).collect();
     out.push((name(verify, "verify".into()), verify));
@@ -743,13 +743,21 @@ fn alike_starts<'r>(runs: impl Iterator<Item = &'r Run>, calibration: &Calibrati
     each.into_iter().max_by(|x, y| (x[1] - x[0]).total_cmp(&(y[1] - y[0])))
 }
 
+/// `true` if the train runs have visited the temperature and the ramp of an axis at a step together; `None` while its frequency is lost.
+fn is_visited(axis: &Axis, run: &Run, a: usize, k: usize) -> Option<bool> {
+    run.state(k, a).map(|(t, r)| axis.visited.knows(&axis.ranges(), t, r))
+}
+
 /// Share of a run whose temperatures and ramps were visited together in training, of the axis where it is smallest.
 fn visited(run: &Run, calibration: &Calibration) -> f64 {
     let share = |a: usize| {
-        let axis = &calibration.axes[a];
-        let states: Vec<(f32, f32)> = (run.steps.run_in..run.steps.len()).filter_map(|k| run.state(k, a)).collect();
-        let known = states.iter().filter(|(t, r)| axis.visited.knows(&axis.ranges(), *t, *r)).count();
-        known as f64 / states.len().max(1) as f64
+        let (mut known, mut all) = (0u32, 0u32);
+        for is_known in (run.steps.run_in..run.steps.len()).filter_map(|k| is_visited(&calibration.axes[a], run, a, k))
+        {
+            known += u32::from(is_known);
+            all += 1;
+        }
+        f64::from(known) / f64::from(all.max(1))
     };
     run.steps.present().map(share).fold(1.0, f64::min)
 }

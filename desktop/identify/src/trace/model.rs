@@ -212,6 +212,40 @@ pub struct Fitted {
     inputs: Vec<Input>,
 }
 
+/// What the coefficients of an axis move on a run.
+pub struct Moves {
+    /// Of each coefficient: its column, by step.
+    columns: Vec<Vec<f64>>,
+    /// Of the coefficients.
+    covariance: DMatrix<f64>,
+    /// Seconds of a mean.
+    mean_s: usize,
+}
+
+impl Moves {
+    /// Variance that the uncertainty of the coefficients adds to the means of some steps: about their mean, and of their mean.
+    pub fn predicted_variance(&self, of_steps: impl Fn(usize) -> bool) -> (f64, f64) {
+        let means = |column: &Vec<f64>| {
+            let kept = column.iter().enumerate().map(|(k, v)| if of_steps(k) { *v } else { f64::NAN });
+            block_means(&kept.collect::<Vec<_>>(), self.mean_s)
+        };
+        let columns: Vec<Vec<f64>> = self.columns.iter().map(means).collect();
+        let rows: Vec<DVector<f64>> = (0..columns[0].len())
+            .map(|k| {
+                DVector::from_iterator(columns.len(), columns.iter().map(|c| c.get(k).copied().unwrap_or(f64::NAN)))
+            })
+            .filter(|r| r.iter().all(|v| v.is_finite()))
+            .collect();
+        if rows.is_empty() {
+            return (0.0, 0.0);
+        }
+        let variance = |x: &DVector<f64>| (x.transpose() * &self.covariance * x)[(0, 0)];
+        let mean = rows.iter().sum::<DVector<f64>>() / rows.len() as f64;
+        let about = rows.iter().map(|r| variance(&(r - &mean))).sum::<f64>() / rows.len() as f64;
+        (about, variance(&mean))
+    }
+}
+
 impl Fitted {
     /// Generalised least squares on exact columns, over all noise models. An effect confined to one run is zero in the others.
     ///
@@ -380,48 +414,17 @@ impl Fitted {
         })
     }
 
-    /// Variance that the uncertainty of the coefficients adds to the means of some rows of a run: about their mean, and of their mean.
-    pub fn predicted_variance(
-        &self,
-        run: &Run,
-        scaling: &Scaling,
-        a: usize,
-        which: &dyn Fn(&Candidate) -> bool,
-        of_rows: &dyn Fn(usize) -> bool,
-    ) -> (f64, f64) {
-        let means = |column: &[f64]| {
-            let kept = column.iter().enumerate().map(|(k, v)| if of_rows(k) { *v } else { f64::NAN });
-            block_means(&kept.collect::<Vec<_>>(), run.steps.mean_s)
-        };
-        let mut columns: Vec<(usize, Vec<f64>)> =
-            baseline_columns(run, scaling, a).iter().map(|c| means(c)).enumerate().collect();
-        let count = columns[0].1.len();
-        columns.extend(self.lasting(a).into_iter().map(|at| (at, vec![1.0; count])));
+    /// What the coefficients of an axis move on a run, of the effects that `which` takes.
+    pub fn moves(&self, run: &Run, scaling: &Scaling, a: usize, which: &dyn Fn(&Candidate) -> bool) -> Moves {
+        let mut columns: Vec<(usize, Vec<f64>)> = baseline_columns(run, scaling, a).into_iter().enumerate().collect();
+        columns.extend(self.lasting(a).into_iter().map(|at| (at, vec![1.0; run.steps.len()])));
         for (e, t) in self.terms().iter().enumerate().filter(|(_, t)| which(t.lead())) {
             let Some(range) = self.gains(e, a) else { continue };
-            for (column, at) in t.on_run(run, None, scaling, a).iter().zip(range) {
-                columns.push((at, means(column)));
-            }
+            columns.extend(range.zip(t.on_run(run, None, scaling, a)));
         }
         let p = columns.len();
         let covariance = DMatrix::from_fn(p, p, |i, j| self.axes[a].covariance[(columns[i].0, columns[j].0)]);
-        let rows: Vec<DVector<f64>> = (0..columns[0].1.len())
-            .map(|k| DVector::from_iterator(p, columns.iter().map(|(_, c)| c.get(k).copied().unwrap_or(f64::NAN))))
-            .filter(|r| r.iter().all(|v| v.is_finite()))
-            .collect();
-        if rows.is_empty() {
-            return (0.0, 0.0);
-        }
-        let mean = rows.iter().sum::<DVector<f64>>() / rows.len() as f64;
-        let about = rows
-            .iter()
-            .map(|r| {
-                let x = r - &mean;
-                (x.transpose() * &covariance * &x)[(0, 0)]
-            })
-            .sum::<f64>()
-            / rows.len() as f64;
-        (about, (mean.transpose() * &covariance * &mean)[(0, 0)])
+        Moves { columns: columns.into_iter().map(|(_, c)| c).collect(), covariance, mean_s: run.steps.mean_s }
     }
 
     /// The image: effects that a unit can compute, with their uncertainty where it is given, in as many directions as fit.
