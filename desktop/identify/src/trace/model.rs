@@ -212,7 +212,7 @@ pub struct Fitted {
     inputs: Vec<Input>,
 }
 
-/// What the coefficients of an axis move on a run.
+/// Parts of a bias on a run that the coefficients of an axis move.
 pub struct Moves {
     /// Of each coefficient: its column, by step.
     columns: Vec<Vec<f64>>,
@@ -414,7 +414,7 @@ impl Fitted {
         })
     }
 
-    /// What the coefficients of an axis move on a run, of the effects that `which` takes.
+    /// Parts of the bias on a run that the coefficients of an axis move; of the effects, those that `which` takes.
     pub fn moves(&self, run: &Run, scaling: &Scaling, a: usize, which: &dyn Fn(&Candidate) -> bool) -> Moves {
         let mut columns: Vec<(usize, Vec<f64>)> = baseline_columns(run, scaling, a).into_iter().enumerate().collect();
         columns.extend(self.lasting(a).into_iter().map(|at| (at, vec![1.0; run.steps.len()])));
