@@ -943,7 +943,7 @@ mod tests {
 
     /// Effects that remember temperatures or the time since power-on, with parameters and the size of their gains. (What remembers a recorded
     /// quantity is tested in `compensator`.)
-    const REMEMBER: [(EffectId, [f32; 2], f32); 28] = [
+    const REMEMBER: [(EffectId, [f32; 2], f32); 29] = [
         (EffectId::ThermalLag, [900.0, 0.0], 0.1),
         (EffectId::Hysteresis, [10.0, 0.0], 0.2),
         (EffectId::WarmUp, [1500.0, 0.0], 2.0),
@@ -959,6 +959,7 @@ mod tests {
         (EffectId::SoftRelay, [40.0, 25.0], 2.0),
         (EffectId::Relay, [40.0, 25.0], 2.0),
         (EffectId::WideningPlay, [5.0, 20.0], 0.2),
+        (EffectId::HysteresisByTemperature, [12.0, 0.0], 0.2),
         (EffectId::AsymmetricLag, [300.0, 2000.0], 0.1),
         (EffectId::ArrheniusLadder, [0.01, 3000.0], 0.02),
         (EffectId::LagLadder, [60.0, 3000.0], 0.02),

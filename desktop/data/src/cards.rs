@@ -562,6 +562,12 @@ pub fn card(effect: EffectId) -> Card {
                 "the bias follows a loop and its square, so that the curves of heating and cooling cross",
             )
         },
+        E::HysteresisByTemperature => Card {
+            refine: &[SCALE],
+            grid: |x| where_path_repeats(x, loops),
+            generator: of([12.0, 0.0]),
+            ..Card::of(Hysteresis, Simple, "a loop whose height changes with temperature")
+        },
         E::WideningPlay => Card {
             refine: &[SCALE, SCALE],
             grid: |x| where_path_repeats(x, unequal_loops),

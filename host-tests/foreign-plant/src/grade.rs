@@ -56,6 +56,10 @@ pub struct Graded {
     pub compensable: bool,
     /// Residual of the written image on the verify run, in floors, by axis.
     pub left: Vec<f64>,
+    /// The same where the third run is learnt from, too; empty where there is none, or nothing to compensate.
+    pub left_after_two: Vec<f64>,
+    /// Residual of the truth's own forms there, fitted to the same train runs by least squares, in floors, by axis.
+    pub left_by_the_truth: Vec<f64>,
     /// Size of its largest effect, in floors.
     pub size: f64,
     /// The image on the third run, by axis; empty where there is none.
@@ -151,39 +155,54 @@ fn size(truth: &Value) -> f64 {
     each.fold(0.0, f64::max)
 }
 
+/// Residual of the truth's own forms on the verify run, fitted to the same train runs, in floors by axis.
+fn left_by_the_truth(truth: &Value, report: &Value) -> Vec<f64> {
+    let run = truth["runs"].as_array().into_iter().flatten().find(|r| r["role"] == "verify");
+    let of = |a: &String| run?["axes"][a]["oracle_floors"].as_f64();
+    floors(truth, report).iter().filter_map(|(a, ..)| of(a)).collect()
+}
+
+/// The files of a truth with a role.
+fn files(truth: &Value, folder: &Path, role: &str) -> Vec<PathBuf> {
+    let runs = truth["runs"].as_array().into_iter().flatten().filter(|r| r["role"] == role);
+    runs.map(|r| folder.join(r["file"].as_str().unwrap_or(""))).collect()
+}
+
+/// Runs the tool; its report, or the sentence by which it refuses.
+fn traced(hrg: &Path, [train, verify]: [&[PathBuf]; 2], [out, image]: [&Path; 2]) -> Result<Result<Value, String>> {
+    let mut command = Command::new(hrg);
+    command.arg("trace").args(train);
+    for file in verify {
+        command.arg("--verify").arg(file);
+    }
+    let ran = command
+        .arg("--out")
+        .arg(out)
+        .arg("--calibration")
+        .arg(image)
+        .output()
+        .with_context(|| format!("cannot run {}", hrg.display()))?;
+    let printed = String::from_utf8_lossy(&ran.stderr);
+    match ran.status.code() {
+        Some(0) => Ok(Ok(serde_json::from_slice(&std::fs::read(out)?).context("the report is no JSON")?)),
+        Some(2) => Ok(Err(printed.lines().last().unwrap_or("").to_string())),
+        _ => bail!("{}: hrg trace failed: {printed}", out.display()),
+    }
+}
+
 /// Runs the tool on one written unit.
 fn one(hrg: &Path, truth_file: &Path, scratch: &Path) -> Result<Graded> {
     let truth: Value = serde_json::from_slice(&std::fs::read(truth_file)?)
         .with_context(|| format!("{} is no truth file", truth_file.display()))?;
     let folder = truth_file.parent().unwrap_or(Path::new("."));
     let name = format!("{}-{}", truth["case"].as_str().unwrap_or("?"), truth["seed"]);
-    let out = scratch.join(format!("{name}.json"));
-    let mut command = Command::new(hrg);
-    command.arg("trace");
-    let mut train = Vec::new();
-    for run in truth["runs"].as_array().into_iter().flatten() {
-        let option = match run["role"].as_str() {
-            Some("train") => "--train",
-            Some("verify") => "--verify",
-            // The run that judges is for the grade alone.
-            _ => continue,
-        };
-        let file = folder.join(run["file"].as_str().unwrap_or(""));
-        command.arg(option).arg(&file);
-        if option == "--train" {
-            train.push(file);
-        }
-    }
-    let [image, baseline] = ["toml", "baseline.toml"].map(|end| scratch.join(format!("{name}.{end}")));
+    // (The third run is for the grade alone.)
+    let [train, verify, third_run] = ["train", "verify", "judge"].map(|role| files(&truth, folder, role));
+    let [out, image, baseline, of_two, two] =
+        ["json", "toml", "baseline.toml", "two.json", "two.toml"].map(|end| scratch.join(format!("{name}.{end}")));
     [&image, &baseline].into_iter().filter(|p| p.exists()).try_for_each(std::fs::remove_file)?;
     let begun = std::time::Instant::now();
-    let ran = command
-        .arg("--out")
-        .arg(&out)
-        .arg("--calibration")
-        .arg(&image)
-        .output()
-        .with_context(|| format!("cannot run {}", hrg.display()))?;
+    let report = traced(hrg, [&train, &verify], [&out, &image])?;
     let mut graded = Graded {
         name,
         group: truth["group"].as_str().unwrap_or("?").to_string(),
@@ -194,29 +213,33 @@ fn one(hrg: &Path, truth_file: &Path, scratch: &Path) -> Result<Graded> {
         worse: 0.0,
         compensable: truth["compensable"] == true && !texts(&truth["classes"]).contains("none"),
         left: vec![],
+        left_after_two: vec![],
+        left_by_the_truth: vec![],
         size: size(&truth),
         third: vec![],
         seconds: begun.elapsed().as_secs_f64(),
         why: String::new(),
     };
-    match ran.status.code() {
-        Some(0) => {}
-        Some(2) => {
-            graded.why = String::from_utf8_lossy(&ran.stderr).lines().last().unwrap_or("").to_string();
-            return Ok(graded);
-        }
-        _ => bail!("{}: hrg trace failed: {}", graded.name, String::from_utf8_lossy(&ran.stderr)),
-    }
-    let report: Value = serde_json::from_slice(&std::fs::read(&out)?).context("the report is no JSON")?;
+    let report = match report {
+        Ok(report) => report,
+        Err(why) => return Ok(Graded { why, ..graded }),
+    };
     let (grade, named, _) = grade(&truth, &report);
     graded.grade = grade;
     graded.named = named;
     graded.burn = report["burn"] == true;
     graded.worse = against_baseline(&truth, &report);
     graded.left = left_in_floors(&truth, &report);
+    graded.left_by_the_truth = left_by_the_truth(&truth, &report);
     // (Where the baseline cannot be fitted, nothing is compared.)
     Command::new(hrg).arg("fit").args(&train).arg("--out").arg(&baseline).output()?;
     graded.third = third(hrg, &truth, folder, &image, &baseline)?;
+    if graded.compensable && !third_run.is_empty() {
+        let both = [&train[..], &third_run].concat();
+        if let Ok(report) = traced(hrg, [&both, &verify], [&of_two, &two])? {
+            graded.left_after_two = left_in_floors(&truth, &report);
+        }
+    }
     Ok(graded)
 }
 
@@ -340,14 +363,6 @@ fn figures(all: &[Graded], intervals: bool) -> Vec<(String, String)> {
         )
     };
     let share = |hits: usize| share_of(hits, n);
-    let mut left: Vec<f64> = judged
-        .iter()
-        .filter(|g| g.compensable)
-        .flat_map(|g| g.left.iter().copied())
-        .filter(|v| v.is_finite())
-        .collect();
-    left.sort_by(f64::total_cmp);
-    let quantile = |q: f64| left.get((q * left.len().saturating_sub(1) as f64) as usize).copied().unwrap_or(f64::NAN);
     let mut rows = Vec::new();
     let mut row = |name: &str, value: String| rows.push((name.to_string(), value));
     row("units judged, refused", format!("{n}, {}", all.len() - n));
@@ -356,13 +371,16 @@ fn figures(all: &[Graded], intervals: bool) -> Vec<(String, String)> {
     row("false class, not flagged", share(count(Grade::False)));
     row("missed above 1.5 floors, not flagged", share(count(Grade::Missed)));
     row("missed below 1.5 floors, not flagged", share(count(Grade::Small)));
-    if left.is_empty() {
-        row("units with something to compensate", "0".into());
-    } else {
-        row(
-            "floors left where compensable: median, 90th, 95th percentile, largest",
-            format!("{:.3}, {:.2}, {:.2}, {:.2}", quantile(0.5), quantile(0.9), quantile(0.95), quantile(1.0)),
-        );
+    let compensable: Vec<&Graded> = judged.iter().copied().filter(|g| g.compensable).collect();
+    match quantiles(&compensable, |g| &g.left) {
+        None => row("units with something to compensate", "0".into()),
+        Some(text) => row("floors left where compensable: median, 90th, 95th percentile, largest", text),
+    }
+    if let Some(text) = quantiles(&compensable, |g| &g.left_after_two) {
+        row("the same, the third run learnt from as a second train run", text);
+    }
+    if let Some(text) = quantiles(&compensable, |g| &g.left_by_the_truth) {
+        row("the same of the truth's own forms and parameters, fitted to the train runs alone by least squares", text);
     }
     row("image worse than the baseline", share(judged.iter().filter(|g| g.worse > WORSE).count()));
     row("image recommended", share(judged.iter().filter(|g| g.burn).count()));
@@ -382,6 +400,14 @@ fn figures(all: &[Graded], intervals: bool) -> Vec<(String, String)> {
         row("units with a measured spectrum: image recommended", of(&|g| g.burn));
     }
     rows
+}
+
+/// Median, 90th and 95th percentile and the largest of some figure of the axes; `None` where there is none.
+fn quantiles(units: &[&Graded], of: impl Fn(&Graded) -> &Vec<f64>) -> Option<String> {
+    let mut all: Vec<f64> = units.iter().flat_map(|g| of(g).iter().copied()).filter(|v| v.is_finite()).collect();
+    all.sort_by(f64::total_cmp);
+    let at = |q: f64| all.get((q * all.len().saturating_sub(1) as f64) as usize).copied();
+    Some(format!("{:.3}, {:.2}, {:.2}, {:.2}", at(0.5)?, at(0.9)?, at(0.95)?, at(1.0)?))
 }
 
 /// The rows of the third runs.
@@ -500,6 +526,8 @@ mod tests {
             worse: 1.0,
             compensable: false,
             left: vec![1.0],
+            left_after_two: vec![],
+            left_by_the_truth: vec![],
             size: 0.0,
             third: vec![],
             seconds: 1.0,

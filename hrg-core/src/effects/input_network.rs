@@ -59,7 +59,7 @@ impl Effect for InputNetwork {
 
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; NEURONS] {
         let q = inputs.quantities.get(self.channel);
-        let (_, u) = inputs.scaling.u_and_inside(inputs.own_c());
+        let u = inputs.own_u();
         let r = clamp(inputs.own().ramp_c_per_min / inputs.scaling.linear_beyond_c_per_min, -1.0, 1.0);
         if q.is_nan() {
             return [f32::NAN; NEURONS];

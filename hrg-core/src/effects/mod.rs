@@ -74,6 +74,14 @@ impl Inputs<'_> {
         self.own().temperature_c
     }
 
+    /// Normalised temperature of this axis, held at the ends of the calibrated range.
+    // (Once in flash: half of the effects ask for it.)
+    #[inline(never)]
+    #[must_use]
+    pub fn own_u(&self) -> f32 {
+        self.scaling.u_and_inside(self.own_c()).1
+    }
+
     /// Temperature of another axis, C; one that has none yet counts as being as warm as this one.
     #[inline]
     #[must_use]
@@ -141,7 +149,8 @@ pub trait Effect: Sized {
     const NEIGHBOURS: bool = false;
     /// `true` if its regressors are the weights of the knots of a curve of the quantity that it remembers, or of time.
     const CURVE: bool = false;
-    /// `true` if its regressors say the same of two pasts while it still remembers them: it swings, settles by temperature, or is a square.
+    /// `true` if its regressors say the same of two pasts while it still remembers them: it swings, settles by temperature, is a square, or changes
+    /// its sign with temperature.
     /// Its memory dies away by the time of its [`span`](Self::span), or when the temperature has swept it.
     const MAY_AGREE: bool = false;
     /// `true` if all of its regressors are products with normalised temperature.
@@ -535,6 +544,7 @@ effects! {
     damped_oscillation::{DampedOscillation},
     input_kink::{InputKink},
     ramp_band::{RampBand},
+    hysteresis_by_temperature::{HysteresisByTemperature},
 }
 
 impl EffectId {
@@ -754,6 +764,20 @@ mod tests {
         // The lower end is -45 C, the middle 10 C, the upper end 65 C.
         for (t, half) in [(-45.0, 2.0), (10.0, 4.0), (65.0, 8.0), (80.0, 8.0)] {
             assert!((at(t) + half).abs() < 1e-4, "{t}: {}", at(t));
+        }
+    }
+
+    #[test]
+    fn a_loop_by_temperature_is_a_hysteresis_times_a_parabola() {
+        let of = |id: EffectId, t: f32| {
+            let mut e = Running::new(id.facts().id, &[10.0, 0.0], 1.0).expect("in the list");
+            [t - 40.0, t].map(|t| step(&mut e, t, 0.0))[1]
+        };
+        // Normalised temperature is held from 65 C on.
+        for (t, u) in [(-35.0, -1.0), (10.0, 0.0), (55.0, 1.0), (80.0, 55.0 / 45.0)] {
+            let (x, [one, ..]) = (of(EffectId::HysteresisByTemperature, t), of(EffectId::Hysteresis, t));
+            assert!((one + 5.0).abs() < 1e-4 && x[0].to_bits() == one.to_bits(), "{t}: {x:?}");
+            assert!((x[1] - u * one).abs() < 1e-4 && (x[2] - u * u * one).abs() < 1e-4, "{t}: {x:?}");
         }
     }
 

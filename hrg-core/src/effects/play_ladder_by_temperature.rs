@@ -39,7 +39,7 @@ impl Effect for PlayLadderByTemperature {
 
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; RUNGS] {
-        let (_, u) = inputs.scaling.u_and_inside(inputs.own_c());
+        let u = inputs.own_u();
         self.plays.step(inputs).map(|x| u * x)
     }
 }

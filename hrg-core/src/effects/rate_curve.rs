@@ -60,7 +60,7 @@ impl Effect for RateCurveByTemperature {
 
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 13] {
-        let (_, u) = inputs.scaling.u_and_inside(inputs.own_c());
+        let u = inputs.own_u();
         self.curve.step(inputs).map(|x| u * x)
     }
 }

@@ -79,6 +79,6 @@ fn curves_and_lags(q: f32, inputs: &Inputs<'_>, shares: &[f32; 3], states: &mut 
         }
         *state += share * (q - *state);
     }
-    let (_, u) = inputs.scaling.u_and_inside(inputs.own_c());
+    let u = inputs.own_u();
     [q, q * q, q * u, states[0], states[1], states[2]]
 }

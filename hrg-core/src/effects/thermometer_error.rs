@@ -34,7 +34,7 @@ impl Effect for ThermometerError {
         }
         self.case_c += self.share * (case - self.case_c);
         let d = inputs.own_c() - inputs.scaling.t_ref_c - self.case_c;
-        let (_, u) = inputs.scaling.u_and_inside(inputs.own_c());
+        let u = inputs.own_u();
         [d, d * u]
     }
 }

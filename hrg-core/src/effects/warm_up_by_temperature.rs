@@ -31,7 +31,7 @@ impl Effect for WarmUpByTemperature {
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 3] {
         let left = libm::expf(-inputs.thermal.time_s / self.tau_s);
-        let (_, u) = inputs.scaling.u_and_inside(inputs.own_c());
+        let u = inputs.own_u();
         [left, left * u, left * u * u]
     }
 }

@@ -149,17 +149,21 @@ pub fn block_means(values: &[f64], length: usize) -> Vec<f64> {
         .collect()
 }
 
-/// The value below which a share `p` of the sorted `values` lies; NaN if empty.
+/// The value below which a share `p` of the `values` lies; NaN if empty.
 #[must_use]
 pub fn quantile(values: &[f64], p: f64) -> f64 {
     let mut v: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
-    v.sort_unstable_by(f64::total_cmp);
     if v.is_empty() {
         return f64::NAN;
     }
     let at = p.clamp(0.0, 1.0) * (v.len() - 1) as f64;
-    let (low, high) = (v[at.floor() as usize], v[at.ceil() as usize]);
-    low + (high - low) * (at - at.floor())
+    let (_, low, above) = v.select_nth_unstable_by(at.floor() as usize, f64::total_cmp);
+    let (low, share) = (*low, at - at.floor());
+    if share > 0.0 {
+        low + (above.iter().copied().fold(f64::INFINITY, f64::min) - low) * share
+    } else {
+        low
+    }
 }
 
 #[cfg(test)]

@@ -451,6 +451,7 @@ impl<'a> Data<'a> {
 
     fn computed(&self, c: &Candidate, a: usize, exact: bool) -> Option<Vec<Vec<f64>>> {
         let every = if exact { 1 } else { self.coarse_s };
+        let per_block = self.block_s / every;
         let outputs = c.facts.outputs;
         // Looking up what nobody asks for would take half the time.
         let recorded = c.facts.reach.needs().is_some();
@@ -470,10 +471,10 @@ impl<'a> Data<'a> {
             }
             for b in 0..n {
                 let (mut sum, mut count) = ([0.0; MAX_OUTPUTS], 0.0);
-                for k in (b * self.block_s..(b + 1) * self.block_s).step_by(every) {
-                    let at = k + every / 2;
+                for step in b * per_block..(b + 1) * per_block {
+                    let at = step * every + every / 2;
                     let quantities = if recorded { run.quantities(at) } else { Quantities::NONE };
-                    let thermal = if exact { &run.thermal[at] } else { &self.coarse[number][k / self.coarse_s] };
+                    let thermal = if exact { &run.thermal[at] } else { &self.coarse[number][step] };
                     if thermal.state(a).is_none() {
                         continue;
                     }

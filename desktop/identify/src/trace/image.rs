@@ -80,7 +80,7 @@ impl Fits<'_> {
         let (baseline, mut chosen_on_verify) = self.baseline(plain.clone(), &beside, of_beside, verify);
         let mut models = [AxisModel::Constant; AXES];
         let constants = [0, 1, 2].map(|a: usize| mean(&self.without_events(a)));
-        let corrected = |c: &Calibration| fit::correct(c, &verify.run.steps).map(|r| verify.means(&r));
+        let corrected = |c: &Calibration| verify.corrected(c).map(|r| verify.means(&r));
         let of_base = corrected(&baseline);
         let has_effect = [0, 1, 2].map(|a: usize| image.effects.iter().any(|t| t.gains[a].iter().any(|g| *g != 0.0)));
         let scores: Vec<(usize, Agreement)> = (0..AXES)
@@ -118,7 +118,7 @@ impl Fits<'_> {
             () if models.contains(&AxisModel::Baseline) => Image::Baseline,
             () => Image::None,
         };
-        let left = fit::correct(&image, &verify.run.steps);
+        let left = verify.corrected(&image);
         let of_judge = judge.map(predictions);
         let runs: Vec<&Unseen<'_>> = std::iter::once(verify).chain(judge).collect();
         let judged = self.judged((&image, &plain), &of_judge.unwrap_or(of_verify), &runs, models, constants);
@@ -242,9 +242,9 @@ impl Fits<'_> {
     ) -> ByAxis<Judged> {
         let judge = runs[runs.len() - 1];
         let corrected: Vec<[[Vec<f64>; AXES]; 2]> =
-            runs.iter().map(|r| [image, plain].map(|c| fit::correct(c, &r.run.steps))).collect();
+            runs.iter().map(|r| [image, plain].map(|c| r.corrected(c))).collect();
         let [left, base] = &corrected[runs.len() - 1];
-        let [whole_left, whole_base] = [image, plain].map(|c| fit::correct(c, &judge.whole.steps));
+        let [whole_left, whole_base] = [image, plain].map(|c| judge.whole_corrected(c));
         by_axis(|a| {
             let means = judge.means(&left[a]);
             let agreement = if models[a] == AxisModel::Extended {

@@ -503,7 +503,7 @@ fn start_as_a_unit(fitted: &mut Fitted) {
 /// `true` if the written image leaves less on the verify run than another one on an axis, and on none more.
 fn beats(written: &image::Written, other: &Calibration, verify: &Unseen<'_>) -> bool {
     let (run, noise) = (verify.run, &verify.noise);
-    let of = |c: &Calibration| fit::correct(c, &run.steps).map(|r| verify.means(&r));
+    let of = |c: &Calibration| verify.corrected(c).map(|r| verify.means(&r));
     let (ours, theirs) = (of(&written.image), of(other));
     let fall = |a: usize| means::fall(&theirs[a], &ours[a], noise[a].floor());
     let each: Vec<(f64, f64)> = run.steps.present().map(fall).collect();

@@ -6,10 +6,17 @@ use super::floor::Noise;
 use super::means::Means;
 use super::model::Fitted;
 use super::noise::Growth;
+use crate::fit;
+use hrg_core::calibration::Calibration;
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
 use hrg_data::recording::steps::Run;
+use std::cell::RefCell;
+use std::rc::Rc;
+
+/// Rates of each axis, by step, deg/h.
+type Rates = [Vec<f64>; AXES];
 
 /// A run that chose nothing.
 pub(super) struct Unseen<'v> {
@@ -23,6 +30,8 @@ pub(super) struct Unseen<'v> {
     pub happened: Happened,
     /// Noise by axis. (That of an absent axis is another one's: its figures are removed from the report.)
     pub noise: Vec<Noise>,
+    /// Images that were asked for, with the rates of the whole run under each.
+    corrections: RefCell<Vec<(Calibration, Rc<Rates>)>>,
 }
 
 impl<'v> Unseen<'v> {
@@ -49,12 +58,33 @@ impl<'v> Unseen<'v> {
             })
         };
         let noise = (0..AXES).map(noise_of).collect::<Result<_, _>>()?;
-        Ok(Self { run, whole: run, data: data.with_happened(&happened.effects), happened, noise })
+        let data = data.with_happened(&happened.effects);
+        Ok(Self { run, whole: run, data, happened, noise, corrections: RefCell::default() })
     }
 
     /// The same with the run whose beginning was left out.
     pub fn part_of(self, whole: &'v Run) -> Self {
-        Self { whole, ..self }
+        Self { whole, corrections: RefCell::default(), ..self }
+    }
+
+    /// Corrected rates of the whole run ([`fit::correct`]). The unit's code runs once for each image.
+    pub fn whole_corrected(&self, image: &Calibration) -> Rc<Rates> {
+        let mut known = self.corrections.borrow_mut();
+        if let Some((_, rates)) = known.iter().find(|(i, _)| i == image) {
+            return Rc::clone(rates);
+        }
+        let rates = Rc::new(fit::correct(image, &self.whole.steps));
+        known.push((image.clone(), Rc::clone(&rates)));
+        rates
+    }
+
+    /// The same on the steps that are judged; NaN on the others. (A bias does not depend on the rates.)
+    pub fn corrected(&self, image: &Calibration) -> Rates {
+        let whole = self.whole_corrected(image);
+        [0, 1, 2].map(|a: usize| {
+            let both = whole[a].iter().zip(&self.run.steps.rate_dph[a]);
+            both.map(|(rate, raw)| if raw.is_nan() { f64::NAN } else { *rate }).collect()
+        })
     }
 
     /// Means of a series on the steps of the run.
