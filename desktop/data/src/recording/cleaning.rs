@@ -479,14 +479,9 @@ const HALF: usize = 5;
 /// Values that share one estimate of the scatter in [`remove_spikes`]: some minutes at 1 Hz.
 const SCATTER_ROWS: usize = 512;
 
-/// The first of a value and its ten nearest neighbours.
-fn first_neighbour(values: &[f64], k: usize) -> usize {
-    k.saturating_sub(HALF).min(values.len() - 2 * HALF - 1)
-}
-
 /// Median of the finite values among a value and its ten nearest neighbours; NaN where none is finite.
 fn running_median(values: &[f64], k: usize) -> f64 {
-    let from = first_neighbour(values, k);
+    let from = k.saturating_sub(HALF).min(values.len() - 2 * HALF - 1);
     let mut w = [0.0; 2 * HALF + 1];
     let mut m = 0;
     for v in &values[from..=from + 2 * HALF] {
@@ -512,39 +507,6 @@ fn running_median(values: &[f64], k: usize) -> f64 {
     }
 }
 
-/// Medians that are found side by side.
-const SIDE_BY_SIDE: usize = 8;
-
-/// The running medians at so many places at most.
-fn running_medians(values: &[f64], at: &[usize]) -> [f64; SIDE_BY_SIDE] {
-    let mut windows = [[0.0; SIDE_BY_SIDE]; 2 * HALF + 1];
-    for (place, &k) in at.iter().enumerate() {
-        let from = first_neighbour(values, k);
-        windows.iter_mut().zip(&values[from..]).for_each(|(w, v)| w[place] = *v);
-    }
-    if windows.as_flattened().iter().all(|v| v.is_finite()) {
-        return middles(&mut windows);
-    }
-    let mut medians = [f64::NAN; SIDE_BY_SIDE];
-    medians.iter_mut().zip(at).for_each(|(m, k)| *m = running_median(values, *k));
-    medians
-}
-
-/// The middle one of the values of each place, by exchange of neighbours: without a branch that depends on a value.
-#[multiversion::multiversion(targets("x86_64+avx512f", "x86_64+avx2"))]
-fn middles(windows: &mut [[f64; SIDE_BY_SIDE]; 2 * HALF + 1]) -> [f64; SIDE_BY_SIDE] {
-    for last in 1..windows.len() {
-        for k in (0..last).rev() {
-            for place in 0..SIDE_BY_SIDE {
-                let (a, b) = (windows[k][place], windows[k + 1][place]);
-                windows[k][place] = if b < a { b } else { a };
-                windows[k + 1][place] = if b < a { a } else { b };
-            }
-        }
-    }
-    windows[HALF]
-}
-
 /// Robust scatter of the values about their running median, at even places along the column: noise may grow with
 /// temperature, so one scatter for the whole column would take true samples of its loud part for spikes.
 struct Scatter {
@@ -558,10 +520,11 @@ impl Scatter {
         let n = values.len();
         let count = (n / SCATTER_ROWS).clamp(1, 64);
         let stride = (n / (count * 250)).max(1);
-        let at: Vec<usize> = (0..n).step_by(stride).collect();
-        let medians = at.chunks(SIDE_BY_SIDE).flat_map(|at| running_medians(values, at).into_iter().take(at.len()));
-        let off: Vec<f64> =
-            at.iter().zip(medians).map(|(k, m)| (values[*k] - m).abs()).filter(|d| d.is_finite()).collect();
+        let off: Vec<f64> = (0..n)
+            .step_by(stride)
+            .map(|k| (values[k] - running_median(values, k)).abs())
+            .filter(|d| d.is_finite())
+            .collect();
         if off.is_empty() {
             return None;
         }
@@ -713,17 +676,6 @@ mod tests {
         let steps: Vec<f64> = (0..3000).map(|k| 220.0 * f64::from(k / 400)).collect();
         let stuck: Vec<f64> = (0..3000).map(|k| if k > 600 { 1.5 } else { f64::from(k % 7) }).collect();
         assert!(of(&steps) && !of(&stuck) && !of(&[1.0; 100]));
-    }
-
-    #[test]
-    fn medians_side_by_side_are_those_of_one() {
-        let mut values: Vec<f64> = (0..400).map(|k| (f64::from(k) * 7.3).sin() + f64::from(k % 5)).collect();
-        values[200..205].fill(f64::NAN);
-        let at: Vec<usize> = (0..values.len()).step_by(3).collect();
-        for places in at.chunks(SIDE_BY_SIDE) {
-            let each: Vec<f64> = places.iter().map(|k| running_median(&values, *k)).collect();
-            assert_eq!(running_medians(&values, places)[..places.len()], each);
-        }
     }
 
     #[test]
